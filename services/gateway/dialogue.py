@@ -65,6 +65,7 @@ class Dialogue:
         self.ready = False  # both hellos are exchanged
         self._last_sent_ns = 0
         self._motion = self._hold = NONE_YET  # the last ones; a hold voids the motion before
+        self.may_begin = False  # the last hold is taken and the arm at rest: nothing old can move
         self._setting_up: tuple[Command, ...] = ()
         self._set_up = NONE_YET  # the last of these
         self._chosen = NONE_YET  # the choice of signals to report
@@ -130,6 +131,8 @@ class Dialogue:
                     self._requested_bits, self._was_running = _NO_BITS, False
             elif isinstance(event, JointReport):
                 self.window.framed_up_to(event.framed_id, now_ns)
+                is_held = Status.HELD in event.status and Status.MOVING not in event.status
+                self.may_begin |= is_held and self._hold <= self.window.framed
         return events
 
     # --- views ------------------------------------------------------------------------------------
@@ -152,13 +155,13 @@ class Dialogue:
     # --- commands that are sent at once -----------------------------------------------------------
 
     def hold(self, now_ns: int) -> bytes:
-        """Brake and hold now; permitted on any open connection.
+        """Brake and hold now; permitted on any open connection. No motion before `may_begin`.
 
         It voids commands not yet executed: an unfinished set-up is sent again.
         """
         self._stop_motion()
         data = self._send(now_ns, packets.HOLD)
-        self._hold, self._motion = self.window.last, NONE_YET
+        self._hold, self._motion, self.may_begin = self.window.last, NONE_YET, False
         if not self.is_set_up:
             data += self._send(now_ns, *self._setting_up)
             self._set_up = self.window.last

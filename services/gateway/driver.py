@@ -115,6 +115,8 @@ class Driver:
         """Update the state of the goal from a report."""
         if self.track.report.state == "running":
             self.track = goals.follow(self.track, measured, now_ns)
+            if self.track.report.state == "refused":
+                self._void(now_ns)
 
     def obey(
         self,
@@ -173,7 +175,7 @@ class Driver:
             return
         # The end of a relative move needs a known start.
         at_rest = self._dialogue.settled and not measured.status & Status.MOVING
-        if self._dialogue.feedback_active or (goal.kind == "by" and not at_rest):
+        if not self._may_begin or (goal.kind == "by" and not at_rest):
             self.track = Track(GoalReport(id=goal.id, state="queued"))
             return
         trip = self._guard.goal(goal, speed, measured.T_base_flange, measured.joint_rad)
@@ -205,11 +207,11 @@ class Driver:
         """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
         if command.pose is None:
             return tripped("malformed", "a set point without a pose")
-        if self._dialogue.feedback_active:  # still ending
+        if not self._streaming and not self._may_begin:
+            self._idle(now_ns)
             return None
         T_measured = measured.T_base_flange
         if not self._streaming:
-            self._idle(now_ns)
             trip = self._shaper.seed(T_measured, now_ns) or self._guard.seed(T_measured, now_ns)
             if trip is not None:
                 return trip
@@ -235,8 +237,21 @@ class Driver:
     def _idle(self, now_ns: int) -> None:
         """Brake an active goal: the permission contains no motion."""
         if self.track.in_progress:
+            is_sent = self.track.report.state == "running"
             self.track = self.track.ended("refused", "the arbiter withdrew the goal")
+            if is_sent:
+                self._void(now_ns)
+
+    def _void(self, now_ns: int) -> None:
+        """Brake, and void the packet of a goal that ended other than done, by a hold after it."""
+        if not self._holding and self._dialogue.ready:
+            self._tracking.free()
             self._send(self._dialogue.hold(now_ns), now_ns)
+
+    @property
+    def _may_begin(self) -> bool:
+        """Whether nothing before can move the arm: hold taken, arm at rest, feedback ended."""
+        return self._dialogue.may_begin and not self._dialogue.feedback_active
 
     # --- force feedback ---------------------------------------------------------------------------
 
@@ -268,7 +283,7 @@ class Driver:
         return None
 
     def _start_feedback(self, feedback: Feedback, now_ns: int) -> None:
-        if self._dialogue.feedback_active:  # still ending
+        if not self._may_begin:
             return
         self._send(self._dialogue.set_centre(self._centre(feedback), now_ns), now_ns)
         data = self._dialogue.start_feedback(

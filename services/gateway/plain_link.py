@@ -5,8 +5,9 @@ Each command for the controller has an ID of protocol plain, and the echo of tha
 back; a command without a counterpart is acknowledged here, as soon as all before it are.
 
 Status bits are what was commanded and is taken, and whether the joints turn. Motor power, mode,
-teach lock and errors are not reported: these four bits are assumed. A hold that is not taken in
-time closes the connection, at whose end plain.as brakes.
+teach lock and errors are not reported: these four bits are assumed. A hold while a motion waits to
+be taken, and one that is not taken in time, close the connection: plain.as then drops what waits,
+brakes, and accepts the next connection when it has braked.
 """
 
 from collections import deque
@@ -23,7 +24,7 @@ from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from services.gateway.connection import ByteLink
 from services.gateway.goals import REACH, Reach
 from services.gateway.link import LinkEvents
-from services.gateway.plain_commands import PlainCommands, own_vector
+from services.gateway.plain_commands import MOTIONS, PlainCommands, own_vector
 
 HOLD_TAKEN_WITHIN_S = 0.5
 MOVING_WINDOW_NS = 100_000_000
@@ -76,6 +77,7 @@ class PlainLink:
         self._status = Status.HELD
         self._hold: tuple[int, int] | None = None  # number, time of one that is not taken yet
         self._wrench = 0  # number of the last command 4
+        self._motion = 0  # number of the last motion
         self._joints: deque[tuple[int, VecInt]] = deque()
 
     # --- the link ---------------------------------------------------------------------------------
@@ -137,6 +139,9 @@ class PlainLink:
 
     def _encoded(self, packet: Packet, now_ns: int) -> bytes:
         data, number = b"", self._number
+        if packet.com == Com.HOLD and self._motion > self._taken:
+            self._wire.close("a hold voids a motion that plain.as has not taken yet", now_ns)
+            return b""
         if packet.com == Com.WRENCH and self._wrench > self._taken:
             return b""  # pl.main takes 4 in turn: a second one would only wait
         for command in self._commands.translated(packet):
@@ -147,6 +152,8 @@ class PlainLink:
             self._hold = (number, now_ns)
         if packet.com == Com.WRENCH:
             self._wrench = number
+        if packet.com in MOTIONS:
+            self._motion = number
         self._number = number
         return data
 

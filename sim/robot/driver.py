@@ -44,8 +44,7 @@ class SimDriver:
         self._motion.brake()
         self.sent = None
         self._tracking.free()
-        if self.goal.state == "running":
-            self.goal = self.goal.replaced(state="refused", reason=reason)
+        self._void(reason)
         if not self._seeded and self._motion.state not in BUSY and not self._arm.moving:
             self._motion.reseed(self._arm.q)
             self._seeded = True
@@ -64,6 +63,7 @@ class SimDriver:
             if self._lease is None or lease[0] != self._lease[0]:
                 # A new arbiter restarts its goal numbers: its first goal is not an executed one.
                 self.goal = GoalReport()
+            self._void("armed again")
             self._lease = lease
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(self._arm.T_base_flange, now_ns, purpose)
@@ -79,8 +79,7 @@ class SimDriver:
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed)
             return None
-        if self._motion.state == "running":  # the permission contains no motion
-            self._motion.brake()
+        self._void("the arbiter withdrew the goal")
         moving = self._motion.state in BUSY or self._arm.moving
         self._tracking.rest(self._arm.T_base_flange, moving=moving)
         return None
@@ -90,6 +89,13 @@ class SimDriver:
         return self._guard.arm(T_base_flange, joint_rad, now_ns) or self._tracking.judge(
             T_base_flange, joint_rad, now_ns
         )
+
+    def _void(self, reason: str) -> None:
+        """Brake a goal that ends other than done; the next one is refused until it is at rest."""
+        if self._motion.state == "running":
+            self._motion.brake()
+        if self.goal.state == "running":
+            self.goal = self.goal.replaced(state="refused", reason=reason)
 
     def _follow(self, command: RobotCommand, now_ns: int) -> Trip | None:
         if command.pose is None:
@@ -110,6 +116,7 @@ class SimDriver:
 
     def _pursue(self, goal: Goal, speed: Speed) -> None:
         if goal.id != self.goal.id:
+            self._void("another goal began")
             reason = self._start(goal, speed)
             state: GoalState = "refused" if reason else "running"
             self.goal = GoalReport(id=goal.id, state=state, reason=reason)

@@ -87,6 +87,8 @@ class Rig:
         self.command_seq = 0
         self.wrench: WrenchAtTcp | None = None
         self._on_pc: PcFeedback | None = None
+        # Stops and resumes the robot program; a robot without one takes each command at once.
+        self.stall: Callable[[bool], object] = lambda _on: None
         self._robot = self._bus("robot")
         self.service = make(self._robot, cell)
         self._runner = Runner(self.service, [], clock)

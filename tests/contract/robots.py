@@ -44,6 +44,16 @@ class Emulated:
         self._behaviour = behaviour
         cell = gateway_cell(PORT, **changes)
         self.rig = Rig(cell, ManualClock(), self._make, feedback_host=host)
+        self.rig.stall = self._stall
+        self._stalled = (False, False)
+
+    def _stall(self, on: bool) -> None:  # noqa: FBT001 - as the rig calls it
+        """Keep the robot program from its next step, as planning does; the PC programs run on."""
+        task = self.machine.robot_task
+        if on:
+            self._stalled, task.ready, task.waiting = (task.ready, task.waiting), False, False
+        else:
+            task.ready, task.waiting = self._stalled
 
     def _make(self, bus: Bus, cell: CellConfig) -> Service:
         self.controller = ControllerSensor(
@@ -114,7 +124,9 @@ def gateway_rig() -> Rig:
     """The gateway and a fake controller."""
     network = MemoryNetwork()
     controller = FakeController(network, rate_hz=100.0)
-    return Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
+    rig = Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
+    rig.stall = lambda on: setattr(controller.tantrums, "stalled", on)
+    return rig
 
 
 def emulated_pc_rig() -> Rig:

@@ -124,6 +124,49 @@ def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig:
     assert "lease" in rig.state.hold_reason
 
 
+# --- a goal that ends other than done -------------------------------------------------------------
+
+ENDINGS: dict[str, Callable[[Rig], object]] = {
+    "hold": lambda rig: rig.send_hold(),
+    "silence": lambda rig: rig.silence(),
+    "withdrawn": lambda rig: rig.send("idle"),
+    "another goal": lambda rig: rig.send("goal", goal=pose_goal(2, shifted(rig.T, z_m=-0.05))),
+    "armed again": lambda rig: rig.arm(),
+    "too late": lambda rig: rig.until(lambda: rig.state.goal.state in {"done", "refused"}),
+}
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_goal_that_has_ended_moves_nothing_later(rig: Rig, ending: str) -> None:
+    """Its packet waits in the controller, whose program runs again after the end."""
+    rig.arm()
+    rig.stall(True)
+    start = rig.T
+    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
+    rig.advance(0.05)
+    ENDINGS[ending](rig)
+    rig.advance(0.5)
+    assert rig.state.goal.state in {"done", "refused", "none"} or rig.state.hold_reason
+    assert distance_m(rig.T, start) < 0.05 or rig.state.goal.state == "done"
+    rig.stall(False)
+    assert_stays(rig, 1.0)
+    rig.arm()
+    rig.send("goal", goal=pose_goal(3, shifted(rig.T, z_m=0.005)))
+    rig.until(lambda: rig.state.goal.id == 3 and rig.state.goal.state == "done")
+
+
+@pytest.mark.parametrize("after_idle_s", [0.0, 0.02])
+def test_no_motion_begins_before_the_arm_has_come_to_rest(rig: Rig, after_idle_s: float) -> None:
+    """The next goal waits, or is refused with the reason, while the one before is braked."""
+    bring_into_motion(rig, "pose")
+    rig.send("idle")
+    rig.advance(after_idle_s)
+    rig.send("goal", goal=pose_goal(2, shifted(rig.T, z_m=-0.05)))
+    rig.until(lambda: rig.state.goal.id == 2 and rig.state.goal.state in {"running", "refused"})
+    has_rested = not all(state.status.moving for state in rig.states[-2:])
+    assert rig.state.goal.reason or has_rested
+
+
 # --- the wrench, where the robot reads it ---------------------------------------------------------
 
 

@@ -177,9 +177,10 @@ def test_reports_before_hello_are_not_passed_on() -> None:
 def test_a_hold_that_is_not_taken_closes_the_connection(bench) -> None:
     """At its end plain.as brakes; one that is taken does not."""
     bench.send(Com.MOVE_POSE)
+    bench.report(1, 1)
     bench.send(Com.HOLD)
     assert bench.sent() == [(1, 1, 0), (2, 3, 0)]
-    bench.now_ns = round(HOLD_TAKEN_WITHIN_S * NS_PER_S)
+    bench.now_ns += round(HOLD_TAKEN_WITHIN_S * NS_PER_S)
     bench.poll()
     assert bench.wire.is_open
     bench.now_ns += 1
@@ -187,6 +188,7 @@ def test_a_hold_that_is_not_taken_closes_the_connection(bench) -> None:
     assert "not taken a hold in 500 ms" in bench.link.last_fault
     other = LinkBench()
     other.send(Com.MOVE_POSE)
+    other.report(1, 1)
     other.send(Com.HOLD)
     other.report(2, 2)
     other.now_ns += 2 * NS_PER_S
@@ -194,6 +196,15 @@ def test_a_hold_that_is_not_taken_closes_the_connection(bench) -> None:
     assert other.wire.is_open
     other.link.close("enough", 0)
     assert other.wire.last_fault == "enough"
+
+
+def test_a_hold_closes_the_connection_while_a_motion_waits_to_be_taken(bench) -> None:
+    """pl.main takes its commands in turn: the motion would run before the hold behind it."""
+    bench.send(Com.MOVE_POSE)
+    bench.report(0, 1)
+    bench.send(Com.HOLD)
+    assert (bench.sent(), bench.wire.is_open) == ([(1, 1, 0)], False)
+    assert "not taken" in bench.link.last_fault
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ class Emulated:
         self.rig.stall = self._stall
         self._stalled = (False, False)
 
-    def _stall(self, on: bool) -> None:  # noqa: FBT001 - as the rig calls it
+    def _stall(self, on: bool) -> None:
         """Keep the robot program from its next step, as planning does; the PC programs run on."""
         task = self.machine.robot_task
         if on:

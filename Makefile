@@ -28,7 +28,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -138,8 +138,8 @@ hostile: setup ## ten thousand hostile requests and messages to a running cell: 
 flips: setup ## spoil every digit of every report of the controller in turn, some hours
 	@EVERY_FLIP=1 $(BIN)/python -m pytest -q -n auto -m long tests/contract/test_abuse_reports.py $(ARGS)
 
-whole-runs: setup ## tell which runs too long for CI are kept no longer than they are true; make one: ARGS="keep soak"
-	@$(BIN)/python -m tools.whole_runs $(or $(ARGS),check)
+nightly: setup ## run what is too long for CI, on this commit; goes on where it stopped: ARGS="chaos soak", ARGS=--list
+	@$(BIN)/python -m tools.nightly $(ARGS)
 
 mutate: setup ## change single expressions of what decides about motion; no test may miss one: ARGS="--count 5"
 	@$(BIN)/python -m tests.mutate $(ARGS)

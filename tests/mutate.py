@@ -1,7 +1,6 @@
 """Mutation test of the modules that decide about motion: changes that no test detects.
 
-`make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`; CI
-takes a sample, `--sample N`.
+`make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`.
 
 No file is changed: a forked process imports the changed text in the module's place and runs the
 module's tests. Processes that tests start import the unchanged module, so tests of real processes
@@ -28,10 +27,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from tests.mutations import JUDGES, ROOT, Mutant, files_of, judges_of, mutants_of, path_of
-from tools.whole_runs import kept_at
 
 SURVIVORS = ROOT / "tests" / "survivors.txt"
-SAMPLE = "N of each module changed since the kept whole run, one of each other"
 LEAST_S, TIMES_LONGER = 60.0, 6.0  # a run that is longer than both is in an endless loop: killed
 
 
@@ -144,16 +141,6 @@ def chosen(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
     return work
 
 
-def sampled(count: int, seed: int, since: str) -> list[Mutant]:
-    """Return this number of mutants of each module changed since a commit, one of each other."""
-    changed = changed_since(since)
-    return [
-        mutant
-        for module in JUDGES
-        for mutant in chosen([module], count if module in changed else 1, seed)
-    ]
-
-
 def limits_s(modules: Sequence[str]) -> dict[str, float]:
     """Return the time limit of each module's tests; exit where they fail without a mutant."""
     limits = {}
@@ -192,7 +179,6 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=0, help="of each module; 0: all")
     parser.add_argument("--seed", type=int, default=1, help="of the choice")
     parser.add_argument("--since", metavar="REF", help="modules changed since a commit alone")
-    parser.add_argument("--sample", type=int, metavar="N", help=SAMPLE)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     if unknown := set(given.modules) - set(JUDGES):
@@ -203,8 +189,6 @@ def main() -> int:
     except ValueError as error:
         parser.error(str(error))
     work = chosen(modules, given.count, given.seed)
-    if given.sample:
-        modules, work = list(JUDGES), sampled(given.sample, given.seed, kept_at("mutate"))
     print(f"{len(work)} mutants of {len(modules)} modules", flush=True)  # noqa: T201
     within_s = limits_s(modules)
     with multiprocessing.get_context("fork").Pool(given.jobs) as pool:

@@ -5,7 +5,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tests.chaos.cases import CELLS, Case, CellName, matrix, named
+from tests.chaos.cases import CELLS, Case, CellName, matrix, named, one_of_each_kind
 from tests.chaos.journal import Journal
 from tests.chaos.memory import limit_file
 from tests.chaos.outcome import violations
@@ -23,6 +23,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
     parser.add_argument("--each", type=int, default=2, metavar="N",
                         help="injections per service and kind (default %(default)s)")  # fmt: skip
+    parser.add_argument("--short", action="store_true",
+                        help="one trial of each kind on each cell")  # fmt: skip
     parser.add_argument("--only", metavar="ROLE/KIND/PHASE", help="run only this trial")
     parser.add_argument("--cell", choices=CELLS, help="run only on this cell; with --only: sim")
     parser.add_argument("--seed", type=int, default=0, help="seed of the injection times")
@@ -49,7 +51,7 @@ def selected(given: argparse.Namespace) -> list[Case]:
         role, kind, phase = named(given.only)
         cell: CellName = given.cell or ("tcp" if role == "sensor" else "sim")
         return [Case(cell, role, kind, phase, given.seed)]
-    cases = matrix(given.each, given.seed)
+    cases = one_of_each_kind(given.seed) if given.short else matrix(given.each, given.seed)
     if limit_file() is None:
         print("NOT TRIED: memory (it needs root and memory control groups)", flush=True)
         cases = [case for case in cases if case.kind != "memory"]

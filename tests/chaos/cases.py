@@ -83,6 +83,16 @@ def matrix(each: int, seed: int) -> list[Case]:
     return sorted(cases, key=lambda case: CELLS.index(case.cell))
 
 
+def one_of_each_kind(seed: int) -> list[Case]:
+    """Return one case per cell and kind; roles and phases alternate, each role is a target."""
+    cases = []
+    for number, (cell, kind) in enumerate((cell, kind) for cell in CELLS for kind in KINDS):
+        roles = [role for role in ROLES if (cell, role) != ("sim", "sensor")]
+        role = roles[(number + seed) % len(roles)]
+        cases.append(Case(cell, role, kind, PHASES[(number + seed) % len(PHASES)], seed))
+    return cases
+
+
 def _rotate(role: str, kind: Kind, each: int, seed: int) -> Iterator[Case]:
     turn = ROLES.index(role) + KINDS.index(kind) + seed
     for number in range(each):

@@ -3,7 +3,6 @@
 import multiprocessing
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -158,13 +157,6 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     assert len(mutate.chosen(["services.wrench.calibration_manager"], 999, 1)) == len(
         mutations.mutants_of("services.wrench.calibration_manager")
     )
-
-
-def test_a_sample_takes_more_of_changed_modules(monkeypatch):
-    """And one of each other module: none is forgotten."""
-    monkeypatch.setattr(mutate, "changed_since", {"a0": ["common.motion.permission"]}.__getitem__)
-    taken = Counter(mutant.module for mutant in mutate.sampled(3, 1, "a0"))
-    assert taken == Counter({**dict.fromkeys(mutations.JUDGES, 1), "common.motion.permission": 3})
 
 
 def test_a_module_or_its_judges_that_were_touched_are_changed(monkeypatch):

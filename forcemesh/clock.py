@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
+from uuid import uuid4
 
 NS_PER_S = 1_000_000_000
 
@@ -73,4 +74,4 @@ def _host_boot_id() -> str:
         namespace = Path("/proc/self/ns/time")
         return f"{boot}/{namespace.readlink().name}" if namespace.is_symlink() else boot
     except OSError:
-        return f"unknown-{time.time_ns()}"
+        return f"unknown-{uuid4()}"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.contract.rig import Rig
-from tests.contract.robots import ROBOTS, Robot
+from tests.contract.robots import ALL, ROBOTS, Robot
 
 
 def those(has: Callable[[Robot], bool]) -> list[str]:
@@ -15,7 +15,7 @@ def those(has: Callable[[Robot], bool]) -> list[str]:
 
 def made(name: str) -> Rig:
     """Return a robot that has reported its pose."""
-    robot = ROBOTS[name]
+    robot = ALL[name]
     rig = robot.make()
     rig.connect()
     robot.before(rig)

@@ -15,9 +15,10 @@ from common.runtime.service import Runner, Service
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import Gains, Host
+from launch.controller_program import program_of
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
-from sim.as_language.parser import load
+from sim.as_language.parser import parse
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import LockStepLink, MemoryNetwork
@@ -34,7 +35,11 @@ class Emulated:
     """A rig whose robot is the gateway and the emulated controller, which is stepped first."""
 
     def __init__(
-        self, behaviour: Behaviour = GOOD, host: Host = "controller", **overrides: object
+        self,
+        behaviour: Behaviour = GOOD,
+        host: Host = "controller",
+        cell: CellConfig | None = None,
+        **overrides: object,
     ) -> None:
         changes: dict[str, object] = {
             "rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25, **overrides
@@ -42,7 +47,7 @@ class Emulated:
         self.network = MemoryNetwork()
         self.controller: ControllerSensor | None = None
         self._behaviour = behaviour
-        cell = gateway_cell(PORT, **changes)
+        cell = cell or gateway_cell(PORT, **changes)
         self.rig = Rig(cell, ManualClock(), self._make, feedback_host=host)
         self.rig.stall = self._stall
         self._stalled = (False, False)
@@ -60,9 +65,10 @@ class Emulated:
             bus.playing("sensor"), cell, self.network, behaviour=self._behaviour
         )
         machine = self.controller.machine
-        machine.load(load(PROGRAM))
+        program = program_of(cell)
+        machine.load(parse(program.text))
         machine.pendant.monitor_speed(100.0)
-        machine.pendant.execute("fm.main")
+        machine.pendant.execute(program.start)
         runner = Runner(self.controller, [], bus.clock)
         return Both(lock_step(bus, cell, self.network), runner.step)
 
@@ -139,6 +145,12 @@ def emulated_controller_rig() -> Rig:
     return Emulated(host="controller").rig
 
 
+def plain_rig() -> Rig:
+    """The gateway and plain.as, which checks no limit of the cell."""
+    changes = {"gateway.port": PORT, "roles.sensor": "external", "deadlines.command_s": DEADLINE_S}
+    return Emulated(cell=load_cell(DEMO_CELL.with_name("demo-plain.yaml"), changes)).rig
+
+
 def ran_feedback(rig: Rig) -> None:
     """Run force feedback once and end it: it must leave no state that affects later tests."""
     rig.arm()
@@ -177,3 +189,4 @@ ROBOTS = {
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),
 }
+ALL = {**ROBOTS, "plain": Robot(plain_rig, "controller")}  # for what the PC alone guarantees

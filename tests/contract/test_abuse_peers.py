@@ -66,6 +66,21 @@ def test_a_gateway_that_vanishes_without_closing_is_missed_by_the_watchdog(
     cell.assert_nothing_misread()
 
 
+@pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+def test_a_gateway_that_is_killed_leaves_an_arm_that_holds(
+    motion: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its connection ends with it and no other begins: a hold before the watchdog would act."""
+    cell = HostileCell()
+    cell.begin(motion)
+    killed_ns = cell.rig.clock.now_ns()
+    monkeypatch.setattr(cell.gateway, "step", lambda _now_ns: None)
+    cell.wire.close("killed", killed_ns)
+    cell.rig.advance(0.5)
+    assert (cell.stopped_ns(killed_ns) - killed_ns) / 1e9 < WATCHDOG_S
+    cell.assert_stays(0.5)
+
+
 @BEHAVIOURS
 def test_a_gateway_that_vanishes_while_nothing_moves_does_not_block_the_next(
     behaviour: Behaviour,

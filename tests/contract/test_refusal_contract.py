@@ -8,7 +8,7 @@ from common.motion.convert import record_of
 from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
 from tests.contract.rig import Rig, distance_m, goal, pose_goal, shifted
-from tests.contract.robots import ROBOTS
+from tests.contract.robots import ALL, ROBOTS
 
 # The tool reaches back into the workspace; the wrist would be 1.1 m away from the shoulder.
 FAR_AWAY = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.93, 0.5]))
@@ -79,9 +79,10 @@ def test_a_robot_without_a_controller_refuses_its_force_feedback(bare_rig: Rig) 
 
 
 @pytest.mark.parametrize("rule", ["workspace", "speed"])
-def test_a_goal_beyond_the_limits_of_the_cell_is_refused(guarded_rig: Rig, rule: str) -> None:
+@pytest.mark.parametrize("name", ALL)
+def test_a_goal_beyond_the_limits_of_the_cell_is_refused(name: str, rule: str) -> None:
     """The robot refuses a goal outside the limits of the cell by itself, and names the rule."""
-    rig = guarded_rig
+    rig = made(name)
     rig.arm()
     before, limits = rig.T, rig.cell.limits
     height_m = limits.workspace_max_m[2] - rig.T_tcp.translation[2]

@@ -1,12 +1,14 @@
-"""Sources of messages: the content of a reader after it has waited."""
+"""Sources of messages: what a reader holds after it has waited; and what a slow reader costs."""
 
 import queue
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import pytest
+import zenoh
 
-from forcemesh.zenoh_session import ZenohSource
+from forcemesh.topics import Qos
+from forcemesh.zenoh_session import ZenohSource, ZenohTransport
 
 
 class Subscriber:
@@ -64,3 +66,14 @@ def test_a_reader_of_the_newest_gets_the_newest() -> None:
         assert data in (None, b"old")
         source.wait(10.0)
     assert source.take() is None
+
+
+@pytest.mark.parametrize("qos", get_args(Qos))
+def test_a_reader_that_does_not_read_delays_no_publisher(qos: Qos) -> None:
+    """What its queue does not hold is dropped, of every topic."""
+    session: Any = SimpleNamespace(
+        declare_publisher=lambda _key, **settings: asked.update(settings)
+    )
+    asked: dict[str, Any] = {}
+    ZenohTransport(session).publish("cell/topic", qos)
+    assert asked["congestion_control"] is zenoh.CongestionControl.DROP

@@ -1,13 +1,21 @@
-"""A whole cell in one process: the arm holds, and stays held, when any process dies or freezes."""
+"""A whole cell in one process: the arm holds when a process dies, freezes, restarts or is cut.
 
+A process that is cut receives nothing: a one-way partition, or a stall of TCP.
+"""
+
+from collections import deque
 from typing import Any
 
 import numpy as np
 import pytest
 
 from forcemesh import topics
-from forcemesh.messages import RobotCommand
+from forcemesh.bus import Reader
+from forcemesh.messages import MAY_MOVE, RobotCommand
 from forcemesh.requests import Empty
+from services.arbiter.service import ArbiterService
+from services.regulator.service import Regulator
+from services.wrench.service import WrenchService
 from tests.fakes.bench import CELL
 from tests.fakes.lab import BRAKE_S, FOUND_S, PRESS_N, Lab
 
@@ -95,3 +103,52 @@ def test_a_process_that_resumes_after_a_freeze_moves_nothing(role: str, motion: 
     before = lab.q_command()
     MOTIONS[motion](lab)
     assert np.abs(lab.q_command() - before).max() > 1e-6
+
+
+# --- a cut ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("role", [role for role in ROLES if role != "hub"])
+def test_the_arm_holds_in_time_when_a_process_receives_nothing(role: str) -> None:
+    """It still publishes; when its messages arrive again, all at once, nothing resumes."""
+    lab = Lab()
+    MOTIONS["approach"](lab)
+    sources: list[Any] = [reader._source for reader in readers(lab, role)]
+    for source in sources:
+        source.waiting = deque(maxlen=0)
+    # Of the slowest input, and one period of each service down to the arm's last set point.
+    slowest = topics.ROBOT_COMMAND if role == "robot" else topics.ROBOT_STATE
+    lab.cell.advance(lab.cell.cell.stale_after_s(slowest) + LATE_S + BRAKE_S)
+    lab.assert_still(0.3)
+    for source in sources:
+        source.waiting = deque(maxlen=1)
+    lab.assert_still(0.5)
+    assert lab.state.hold_reason
+    assert lab.status.state not in MAY_MOVE
+
+
+def readers(lab: Lab, role: str) -> list[Reader[Any]]:
+    """Return the readers of a process."""
+    values = vars(lab.cell.runners[role].service).values()
+    nested = [each for value in values if isinstance(value, dict) for each in value.values()]
+    return [each for each in (*values, *nested) if isinstance(each, Reader)]
+
+
+# --- a restart ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("role", "make"),
+    [("arbiter", ArbiterService), ("regulator", Regulator), ("wrench", WrenchService)],
+)
+def test_a_process_that_restarts_within_its_deadline_moves_nothing(role: str, make: Any) -> None:
+    """A new process has no lease and no session; before the next arming the arm stays."""
+    lab = Lab()
+    MOTIONS["approach"](lab)
+    lab.cell.kill(role)
+    bus = lab.cell._bus(role)
+    lab.cell._add(role, make(bus, lab.cell.cell), bus)
+    lab.cell.advance(BRAKE_S)
+    lab.assert_still(1.2)
+    assert lab.status.state not in MAY_MOVE
+    assert lab.status.trips[0].code in {"writer", "two_writers"}

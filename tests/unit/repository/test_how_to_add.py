@@ -2,14 +2,13 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tools.tree import FOLDERS, ROOT
+from tools.tree import ROOT, copy_of_the_tree
 
 PAGE = (ROOT / "docs" / "how-to-add.md").read_text(encoding="utf-8")
 PATCHES = ROOT / "docs" / "how-to-add"
@@ -24,8 +23,6 @@ MOST_FILES = {
     "role": 4,
     "skill": 1,
 }
-COPIED = (*FOLDERS, "arms", "cells", "docs", "examples")
-NOT_COPIED = shutil.ignore_patterns("__pycache__", "pictures", ".*")
 
 each_example = pytest.mark.parametrize("name", MOST_FILES)
 
@@ -83,16 +80,6 @@ def test_the_commands_of_the_page_pass(name: str, tmp_path: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
-
-
-def copy_of_the_tree(folder: Path) -> None:
-    """Copy what the commands read and write."""
-    for path in ROOT.iterdir():
-        if path.is_dir() and path.name in COPIED:
-            shutil.copytree(path, folder / path.name, ignore=NOT_COPIED)
-        elif path.is_file():
-            shutil.copy2(path, folder)
-    (folder / ".venv").symlink_to(ROOT / ".venv")
 
 
 def in_copy(command: str) -> list[str]:

@@ -14,6 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tools import sizes
+from tools.tree import production_files
 
 ROOT = Path(__file__).resolve().parents[3]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -242,3 +243,17 @@ def test_no_tracked_file_names_a_machine_or_a_package_host() -> None:
         if path.is_file():
             text = path.read_text(encoding="utf-8", errors="replace")
             assert word.findall(text) == [], name
+
+
+def test_the_wall_clock_is_for_dates_that_people_read_and_for_certificates() -> None:
+    """H09: a clock that is set moves no deadline; every loop uses a `Clock`."""
+    wall = re.compile(
+        r"\btime_ns\b|\btime\.time\b|\bdatetime\b|\blocaltime\b|\bgmtime\b|CLOCK_REALTIME"
+    )
+    dated = ("cli/", "identification/", "services/panel/", "services/recorder/", "common/security/",
+             "common/config/evidence.py", "common/config/probe.py", "launch/run_file.py",
+             "sim/controller/machine.py")  # fmt: skip
+    paths = [path for path in production_files() if wall.search(path.read_text(encoding="utf-8"))]
+    found = {str(path.relative_to(ROOT)) for path in paths}
+    assert {name for name in found if not name.startswith(dated)} == set()
+    assert len(found) > len(dated)

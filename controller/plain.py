@@ -8,7 +8,7 @@ NOT_PROTECTED is the protection that it gives up; decision 030 has the reasons f
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import Field
 
@@ -24,18 +24,62 @@ VALUE_MIN, VALUE_MAX = -99_999, 999_999
 COMMANDS = range(1, 8)  # a) to g) of the specification
 REPORTS = (Com.POSE, Com.JOINTS)
 
-# Protection of forcemesh.as that plain.as does not have. docs/controller.md has this list.
+
+class Protection(NamedTuple):
+    """A protection of forcemesh.as, what plain.as does in its place, and the faults of 103."""
+
+    ours: str
+    plain: str
+    faults: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.ours}: {self.plain}"
+
+
+# Every protection of forcemesh.as that plain.as does not have: the gateway writes them at its
+# start, the doctor reports them, `make readme` makes the table of docs/controller.md.
 NOT_PROTECTED = (
-    "no watchdog: during silence a motion in progress continues to its end",
-    "no hold: it is a joint rotation by zero; RUN on the pendant resumes an interrupted motion",
-    "no limits in the controller: no box, step, speed, travel, turn, force or torque ceiling",
-    "no test of reach: a target out of reach is an error stop of AS",
-    "no hello: neither version, number of the arm nor scales are compared",
-    "no check of IDs, and no number that marks the first frame: lost frames are not detected",
-    "no status: motor power, mode, teach lock, errors and monitor speed are unknown to the PC",
-    "no address of the PC: any client may connect",
-    "TOOL and BASE stay NULL when the program ends",
-)
+    Protection(
+        "watchdog: silence of the PC, or of command 4, brakes and latches",
+        "a motion in progress continues to its end, a press stays as it is", (1, 2),
+    ),
+    Protection(
+        "HOLD, motor off and a stopped program latch",
+        "RUN on the pendant resumes an interrupted motion", (3,),
+    ),
+    Protection(
+        "hold at once, braked until the arm is at rest",
+        "a joint rotation by zero, taken in its turn and braked once",
+    ),
+    Protection("nothing moves before all limits were received", "there are none", (13,)),
+    Protection("box of the TCP, for a joint motion also on its way", "none", (14,)),
+    Protection("turn since the first motion after a hold", "unlimited", (15,)),
+    Protection("first target of force feedback near the arm", "anywhere", (16,)),
+    Protection("travel of force feedback", "unlimited", (6,)),
+    Protection("step of an iteration", "unlimited; its speed is that of command 5"),
+    Protection("highest speed for command 5", "any that AS takes", (17,)),
+    Protection("ceilings of force and torque", "none", (7,)),
+    Protection(
+        "reach and joint ranges before a motion, refusals reported",
+        "a target out of reach is an error stop of AS", (9,),
+    ),
+    Protection(
+        "TOOL and BASE NULL, tested after each hold", "set to NULL at the start only", (8,)
+    ),
+    Protection("hello: version, number of the arm, scales", "none of them is compared"),
+    Protection("consecutive IDs that no other number can be", "lost frames are not detected"),
+    Protection("gains below zero are refused", "any gain is taken"),
+    Protection(
+        "status: motor power, mode, teach lock, errors, monitor speed, holds, refusals",
+        "unknown to the PC",
+    ),
+    Protection("address of the PC", "any client may connect", (18,)),
+    Protection(
+        "a program that an error has ended is started again, with the arm held",
+        "it stays ended: without pl.recv nothing brakes at the end of a connection", (12, 19),
+    ),
+)  # fmt: skip
+KEPT_FAULTS = (4, 5, 10, 11)  # invalid packet, full ring, pose that does not fit, port: as in ours
 
 
 # Most of the cell file's limits, with their units. Below the usual 50 N and 250 mm/s: after a fault
@@ -158,19 +202,29 @@ class PlainReader:
         raise RemoteProtocolError(self._death)
 
 
-def program(settings: PlainSection, centre_mm: tuple[float, float, float], port: int) -> str:
-    """Return plain.as with the numbers of a cell in its pl.config.
+class Controller(NamedTuple):
+    """Properties of the controller that pl.config has: those of the shipped file by default."""
 
-    Args:
-        settings: Characters and scales.
-        centre_mm: The point that ForceFeedBackOrientation turns about, in the flange frame [mm].
-        port: TCP port that it listens on.
-    """
+    port: int = 49152
+    centre_mm: tuple[float, ...] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # turned about, flange frame
+    least_segment_s: float = 0.03
+    least_speed_mm_s: float = 1.2
+    joint_speed_deg_s: tuple[float, ...] = (370, 310, 410, 550, 550, 1000)  # at 100 %
+
+
+def program(settings: PlainSection, controller: Controller) -> str:
+    """Return plain.as with the numbers of a cell in its pl.config."""
     values: dict[str, float] = {name: getattr(settings, f) for f, name in _VARIABLES.items()}
-    values |= dict(zip(("tx", "ty", "tz"), centre_mm, strict=True))
-    values |= {"w": settings.packet_chars // FRAMES, "port": port}
+    values |= dict(zip(("tx", "ty", "tz"), controller.centre_mm, strict=True))
+    values |= {"w": settings.packet_chars // FRAMES, "port": controller.port}
+    values |= {"tmove": controller.least_segment_s, "vmin": controller.least_speed_mm_s}
+    values |= {f"jmax[{k}]": v for k, v in enumerate(controller.joint_speed_deg_s, 1)}
     text = PROGRAM.read_text(encoding="ascii")
     for name, value in values.items():
-        line = re.compile(rf"^(  pl\.{name}=)[0-9]+\b", re.MULTILINE)
-        text = line.sub(rf"\g<1>{value:g}", text)
+        line = re.compile(rf"^(  pl\.{re.escape(name)}=)[0-9.]+", re.MULTILINE)
+        text = line.sub(rf"\g<1>{value:g}", text, count=1)
     return text

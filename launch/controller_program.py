@@ -35,9 +35,15 @@ def program_of(cell: CellConfig) -> ControllerProgram:
     """Return the program of a cell's controller."""
     if cell.gateway is None or not is_plain(cell):
         return ControllerProgram(_SAFE.read_text(encoding="ascii"), "fm.main")
-    x, y, z = cell.tool.T_flange_tcp.position_m
-    centre_mm = (1e3 * x, 1e3 * y, 1e3 * z)
-    text = plain.program(cell.gateway.plain, centre_mm, cell.gateway.port)
+    section = cell.gateway
+    controller = plain.Controller(
+        section.port,
+        tuple(1e3 * each for each in cell.tool.T_flange_tcp.position_m),
+        section.least_segment_s,
+        1e3 * section.least_speed_m_s,
+        tuple(cell.robot.joint_speed_max_deg_s),
+    )
+    text = plain.program(section.plain, controller)
     return ControllerProgram(text, plain.START)
 
 

@@ -1,11 +1,11 @@
-"""Packet page generator: write the packet table into controller/README.md."""
+"""Packet page generator: the packet table, and what protocol plain lacks, into their pages."""
 
 from pathlib import Path
 
 from controller.packet_table import TABLE, PacketValues
+from controller.plain import NOT_PROTECTED
 
-PAGE = Path(__file__).resolve().parent.parent / "controller" / "README.md"
-BEGIN, END = "<!-- packet table: made by `make readme` -->", "<!-- end of the packet table -->"
+_ROOT = Path(__file__).resolve().parent.parent
 
 
 def packet_table() -> str:
@@ -24,16 +24,31 @@ def _vector(numbers: PacketValues) -> str:
     return ", ".join([number.label for number in numbers] + ["0"] * (6 - len(numbers)))
 
 
-def with_table(text: str) -> str:
+def plain_table() -> str:
+    """Return the table of the protections that plain.as lacks as Markdown."""
+    rows = [f"| {row.ours} | {row.plain} |" for row in NOT_PROTECTED]
+    return "\n".join(["| `forcemesh.as` | `plain.as` |", "|---|---|", *rows])
+
+
+PAGES = {
+    _ROOT / "controller" / "README.md": ("packet table", packet_table),
+    _ROOT / "docs" / "controller.md": ("protocol plain", plain_table),
+}
+
+
+def written(page: Path) -> str:
     """Return the page with the current table between its marks."""
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    return f"{before}{BEGIN}\n{packet_table()}\n{END}{after}"
+    name, table = PAGES[page]
+    begin, end = f"<!-- {name}: made by `make readme` -->", f"<!-- end of the {name} -->"
+    before, rest = page.read_text(encoding="utf-8").split(begin)
+    after = rest.split(end)[1]
+    return f"{before}{begin}\n{table()}\n{end}{after}"
 
 
 def main() -> None:
-    """Write the page."""
-    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    """Write the pages."""
+    for page in PAGES:
+        page.write_text(written(page), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -86,10 +86,13 @@ def check_protocol(version: int) -> ReportLine:
     return finding("protocol", "FAIL", found, "protocol")
 
 
-def check_plain() -> ReportLine:
-    """Warn of protocol plain, with the protection that it gives up."""
-    text = f"protocol plain, without: {'; '.join(NOT_PROTECTED)}"
-    return finding("protection", "WARN", text, "plain")
+def check_plain() -> list[ReportLine]:
+    """Warn of protocol plain: a line for each protection that it gives up, the remedy last."""
+    last = len(NOT_PROTECTED)
+    return [
+        ReportLine(f"protection {k}", "WARN", f"without {row}", REMEDIES["plain"] * (k == last))
+        for k, row in enumerate(NOT_PROTECTED, 1)
+    ]
 
 
 def check_arm(number: int, expected: int) -> ReportLine:

@@ -107,7 +107,7 @@ def check_cell(cell: CellConfig, measured_percent: float | None = None) -> list[
         no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
         return [*lines, no_hub, *unused_lines(cell)]
     if section.protocol == "plain":
-        return [*lines, check_plain(), *_unreported((*CONNECTION_CHECKS, *REST))]
+        return [*lines, *check_plain(), *_unreported((*CONNECTION_CHECKS, *REST))]
     visit = visit_controller(section.host, section.port, section, arm=section.arm)
     lines += link_lines(cell, section, visit, measured_percent)
     return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
@@ -229,7 +229,7 @@ def bus_lines(
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, found.state)]
     if cell.gateway.protocol == "plain":
-        lines.append(check_plain())
+        lines += check_plain()
     skip_reason = "the cell is up and its gateway uses the only connection: read from the bus"
     lines += [skipped(check, skip_reason) for check in (*CONNECTION_CHECKS, "left behind")]
     state = found.state

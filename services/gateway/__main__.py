@@ -12,7 +12,7 @@ from services.gateway.service import Gateway
 def start(bus: Bus, cell: CellConfig) -> Gateway:
     """Return the gateway; write what protocol plain gives up, where the cell file selects it."""
     if cell.gateway is not None and cell.gateway.protocol == "plain":
-        lines = "\n  ".join(("gateway.protocol is plain, without:", *NOT_PROTECTED))
+        lines = "\n  ".join(("gateway.protocol is plain, without:", *map(str, NOT_PROTECTED)))
         sys.stderr.write(f"{lines}\n")
     return Gateway(bus, cell)
 

@@ -4,11 +4,12 @@ import socket
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from common.motion.frames import oat_from_R
 from controller.packet import ZERO_VEC, Packet, VecInt
 from controller.packet_table import Com
-from controller.plain import PlainReader, PlainSection, encode, program
+from controller.plain import Controller, PlainReader, PlainSection, encode, program
 from sim.controller.behaviour import Behaviour
 from tests.fakes.plain_controller import QUICK, PlainController
 
@@ -24,7 +25,7 @@ class PlainClient:
     ) -> None:
         """Start both; the tool is 160 mm long. `text` is the program instead of the cell's."""
         self.plain = plain
-        text = text or program(plain, (0.0, 0.0, 160.0), 49152)
+        text = text or program(plain, Controller(centre_mm=(0.0, 0.0, 160.0)))
         self.controller = PlainController(text, behaviour, **sim)
         self.dial()
         self.advance(0.1)
@@ -106,13 +107,27 @@ class PlainClient:
         """True height of the flange."""
         return float(self.controller.arm.T_base_flange.translation[2] * 1e3)
 
-    def shifted(self, z: float) -> VecInt:
-        """Return the present pose, shifted along z [mm], as six numbers."""
+    def shifted(self, z: float, turn_deg: float = 0.0) -> VecInt:
+        """Return the present pose, shifted and turned along z [mm, deg], as six numbers."""
         T = self.controller.arm.T_base_flange
+        R = pin.utils.rotate("z", np.radians(turn_deg)) @ T.rotation
         position = (T.translation * 1e3 + np.array([0.0, 0.0, z])) * self.plain.position_per_mm
-        oat = np.degrees(oat_from_R(T.rotation)) * self.plain.oat_per_deg
+        oat = np.degrees(oat_from_R(R)) * self.plain.oat_per_deg
         x, y, up, o, a, t = (round(float(value)) for value in (*position, *oat))
         return (x, y, up, o, a, t)
+
+    def fastest(self) -> tuple[float, float]:
+        """Advance until the arm rests; return the highest speeds of the flange [mm/s, deg/s]."""
+        arm, line, turn = self.controller.arm, 0.0, 0.0
+        self.until(lambda: arm.moving)
+        while arm.moving:
+            before = arm.T_base_flange
+            self.advance(POLL_S)
+            motion = before.actInv(arm.T_base_flange)
+            line = max(line, float(np.linalg.norm(motion.translation)) * 1e3 / POLL_S)
+            turned = np.degrees(np.linalg.norm(pin.log3(motion.rotation)))
+            turn = max(turn, float(turned) / POLL_S)
+        return line, turn
 
     def press(self, force_N: float, duration_s: float) -> None:
         """Send the reading less a force to press with, along z, for some time."""

@@ -17,7 +17,8 @@ from tests.chaos.common_net import free_port
 
 TEXT = PROGRAM.read_text(encoding="ascii")
 PORT = 49152  # of the program; the real one is any free port
-QUICK = Behaviour(step_s=1e-4)
+# It stops with E1117 (process time over) where a motion is too short to be planned.
+QUICK = Behaviour(step_s=1e-4, least_segment_s=0.03, least_speed_m_s=0.0012)
 TICK_NS = 1_000_000
 
 
@@ -36,11 +37,12 @@ class PlainController:
         behaviour: Behaviour = QUICK,
         *,
         memory: MemoryNetwork | None = None,
+        prepare: Callable[[Machine], None] = lambda _: None,
         **sim: Any,
     ) -> None:
         """Switch on, load, EXECUTE; `sim` are settings of the arm and of the plate below it.
 
-        `memory` replaces the sockets.
+        `memory` replaces the sockets; `prepare` is called before EXECUTE.
         """
         self.printed: list[str] = []
         self.network = SocketNetwork(port=free_port())
@@ -50,6 +52,7 @@ class PlainController:
         )
         self.machine.load(parsed(text))
         self.machine.pendant.monitor_speed(100.0)
+        prepare(self.machine)
         self.machine.pendant.execute(START)
         listening = self.network.bound if memory is None else memory.listeners
         self.until(lambda: PORT in listening)

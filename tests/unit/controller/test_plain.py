@@ -4,21 +4,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cli.doctor.remedies import FAULTS
 from controller.packet import Packet
 from controller.packet_table import TABLE, Com, PacketValue, Quantity
 from controller.plain import (
     COMMANDS,
     ID_LAST,
+    KEPT_FAULTS,
     NOT_PROTECTED,
     PROGRAM,
     REPORTS,
+    Controller,
     PlainReader,
     PlainSection,
     encode,
     program,
 )
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
-from tools.tree import ROOT
 
 values = st.integers(-99_999, 999_999)
 reports = st.builds(
@@ -100,16 +102,16 @@ def test_the_program_gets_the_numbers_of_a_cell_and_no_other_change() -> None:
     """Each line of pl.config that the cell file decides, once."""
     text = PROGRAM.read_text(encoding="ascii")
     plain = PlainSection(packet_chars=54, position_per_mm=50, gain_i=5000)
-    made = program(plain, (0.0, -12.5, 160.0), 50000)
+    made = program(plain, Controller(50000, (0.0, -12.5, 160.0), 0.04, 2.0, (370.0, *[500.5] * 5)))
     changed = [line for line in made.splitlines() if line not in text.splitlines()]
     assert [line.split(" ;")[0].strip() for line in changed] == [
         "pl.port=50000", "pl.w=6", "pl.sp=50", "pl.si=5000", "pl.ty=-12.5", "pl.tz=160",
+        "pl.tmove=0.04", "pl.vmin=2", *(f"pl.jmax[{k}]=500.5" for k in range(2, 7)),
     ]  # fmt: skip
-    assert program(PlainSection(), (0.0, 0.0, 0.0), 49152) == text
+    assert program(PlainSection(), Controller()) == text
 
 
-@pytest.mark.parametrize("page", ["docs/controller.md", "docs/decisions/030-the-plain-protocol.md"])
-def test_the_pages_list_what_is_not_protected(page: str) -> None:
-    """One list: the gateway's at its start, the doctor's, and the pages'."""
-    text = (ROOT / page).read_text(encoding="utf-8")
-    assert [line for line in NOT_PROTECTED if f"- {line}" not in text] == []
+def test_every_protection_that_plain_lacks_is_listed_or_kept() -> None:
+    """Each fault that forcemesh.as can report is one that plain.as has as well, or of a row."""
+    lacking = [fault for row in NOT_PROTECTED for fault in row.faults]
+    assert sorted((*lacking, *KEPT_FAULTS)) == sorted(FAULTS)

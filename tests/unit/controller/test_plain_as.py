@@ -1,5 +1,6 @@
 """controller/plain.as: what can be read off the file, and behaviour beyond the client's test."""
 
+import random
 import re
 
 import numpy as np
@@ -8,12 +9,15 @@ import pytest
 
 from controller.packet import Packet
 from controller.packet_table import Com
-from controller.plain import PROGRAM, START, PlainSection, encode, program
+from controller.plain import PROGRAM, START, Controller, PlainSection, encode, program
 from sim.as_language.lint import check_text
 from sim.controller.behaviour import pessimistic
+from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
 from tests.fakes.plain_client import PlainClient
-from tests.fakes.plain_controller import PORT, QUICK, TEXT, PlainController
+from tests.fakes.plain_controller import PORT, QUICK, TEXT, PlainController, parsed
 from tools.tree import ROOT
 
 WORDS = ("ForceFeedBackPosition", "ForceFeedBackOrientation")
@@ -241,6 +245,73 @@ def test_the_speed_is_mechanical_times_modular(client) -> None:
     assert client.height_mm() - z == pytest.approx(30.0, abs=0.5)
 
 
+def test_a_joint_motion_moves_the_flange_no_faster_than_its_speed(client) -> None:
+    """100 mm/s, for 20 degrees of JT1 at a radius of 0.5 m; AS takes mm/s for a share of 100 %."""
+    client.send(Com.SPEEDS, 0, (100, 100, 100, 100, 0, 0))
+    client.send(Com.MOVE_BY_JOINTS, 0, (20 * 250, 0, 0, 0, 0, 0))
+    line_mm_s, _ = client.fastest()
+    assert 80.0 < line_mm_s < 102.0
+
+
+@pytest.mark.parametrize("com", [Com.MOVE_POSE, Com.MOVE_BY_JOINTS])
+def test_a_pure_turn_is_limited_in_degrees_per_second(client, com) -> None:
+    """One degree counts as 1.75 mm: 50 mm/s is 28.6 deg/s, where MM/S of AS limits nothing."""
+    client.do(Com.MOVE_POSE, 0, client.shifted(z=60.0))
+    client.controller.until(lambda: not client.controller.arm.moving)
+    by_joint = (0, 0, 0, 0, 0, -50 * 250)
+    client.send(com, 0, by_joint if com == Com.MOVE_BY_JOINTS else client.shifted(0.0, 50.0))
+    _, turn_deg_s = client.fastest()
+    assert 20.0 < turn_deg_s < 1.02 * 50.0 / 1.75
+
+
+def press_at_random(client: PlainClient, mode: int) -> tuple[float, float]:
+    """Run force feedback at 40 mm/s with readings each 4 to 20 ms; return travel and turn [deg]."""
+    draw, arm = random.Random(mode), client.controller.arm
+    client.send(Com.SPEEDS, 0, (100, 100, 100, 40, 0, 0))
+    for param, gain in ((0, 200), (1, 2000)):
+        client.send(Com.GAINS, param, (gain, gain, gain, gain, gain, gain))
+    for param in (0, 1):
+        if mode & (1 << param):
+            client.send(Com.FEEDBACK, param)
+    client.advance(0.2)
+    travel_mm = turned_deg = 0.0
+    for _ in range(100):
+        force = [round(draw.gauss(300.0, 300.0)) for _ in range(3)]
+        torque = [round(draw.gauss(500.0, 500.0)) for _ in range(3)]
+        if client.last(Com.POSE).id == client.id:
+            client.send(Com.WRENCH, 0, (*force, *torque))  # type: ignore[arg-type]
+        before = arm.T_base_flange
+        client.advance(draw.uniform(0.004, 0.02))
+        motion = before.actInv(arm.T_base_flange)
+        travel_mm += float(np.linalg.norm(motion.translation)) * 1e3
+        turned_deg += float(np.degrees(np.linalg.norm(pin.log3(motion.rotation))))
+    return travel_mm, turned_deg
+
+
+@pytest.mark.parametrize("ahead", [1, 3])
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_force_feedback_of_any_reading_is_planned_in_time(ahead: int, mode: int) -> None:
+    """No E1117, and never faster than command 5."""
+    client = PlainClient(FINE, behaviour=QUICK.model_copy(update={"motions_ahead": ahead}))
+    begin_ns = client.controller.machine.now_ns
+    travel_mm, turned_deg = press_at_random(client, mode)
+    seconds = (client.controller.machine.now_ns - begin_ns) * 1e-9
+    assert client.controller.machine.control.error is None
+    assert client.controller.value("pl.mode") == mode
+    if mode & 1:
+        assert 5.0 < travel_mm < 42.0 * seconds + turned_deg * 160.0 / 57.3
+    assert (1.0 < turned_deg < 42.0 / 1.75 * seconds) if mode > 1 else turned_deg < 0.1
+    client.close()
+
+
+def test_without_the_least_segment_the_planner_stops_with_e1117() -> None:
+    """What the pacing is for: with segments of 1 ms the same controller stops."""
+    client = PlainClient(FINE, text=program(FINE, Controller(least_segment_s=0.001)))
+    press_at_random(client, 1)
+    assert str(client.controller.machine.control.error).startswith("(E1117)")
+    client.close()
+
+
 def test_a_rotation_by_zero_stops_without_going_back(client) -> None:
     """The joints count from rest, not from where they were when it came."""
     client.send(Com.SPEEDS, 0, (100, 100, 100, 250, 0, 0))
@@ -276,7 +347,7 @@ def test_the_tool_turns_about_the_point_of_the_configuration(client) -> None:
 
 def test_a_scale_that_the_pose_does_not_fit_sends_nothing() -> None:
     """Never clipped: the terminal names it, and no report comes."""
-    text = program(FINE, (0.0, 0.0, 0.0), 49152).replace("  pl.sj=250 ", "  pl.sj=9999 ")
+    text = program(FINE, Controller()).replace("  pl.sj=250 ", "  pl.sj=9999 ")
     client = PlainClient(FINE, text=text)
     client.advance(0.5)
     assert client.reports == []
@@ -294,3 +365,65 @@ def test_it_can_be_started_again_after_an_abort(client) -> None:
     client.dial()
     client.advance(0.5)
     assert client.reports
+
+
+# --- what the program changes ---------------------------------------------------------------------
+
+TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
+BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
+USERS = {"cp": False, "abs.speed": True, "qtool": True}
+
+
+def users_settings(machine: Machine) -> None:
+    """Set what a user may have: TOOL, BASE, and the switches that the program needs otherwise."""
+    machine.robot.T_flange_tcp, machine.robot.T_base_shift = TOOL, BASE
+    machine.hardware.switches.update(USERS)
+
+
+def are_the_users(machine: Machine) -> bool:
+    """Return whether they are the user's, the frames to a float's precision."""
+    robot, switches = machine.robot, machine.hardware.switches
+    frames = ((robot.T_flange_tcp, TOOL), (robot.T_base_shift, BASE))
+    same = all(np.allclose(is_.homogeneous, was.homogeneous, atol=1e-6) for is_, was in frames)
+    return same and all(switches[name] == value for name, value in USERS.items())
+
+
+@pytest.mark.parametrize("end", ["quit", "restore", "started again, then quit"])
+def test_the_end_puts_back_tool_base_and_switches(end: str) -> None:
+    """pl.quit=1; EXECUTE pl.restore after an abort; a run after an abort keeps the user's."""
+    controller = PlainController(prepare=users_settings)
+    machine = controller.machine
+    switches = machine.hardware.switches
+    assert [switches[name] for name in USERS] == [True, False, False]
+    if end != "quit":
+        machine.pendant.abort()
+        controller.until(lambda: machine.robot_task.state == "idle")
+        machine.pendant.execute("pl.restore" if end == "restore" else START)
+        controller.advance(1.0)
+    if end != "restore":
+        machine.memory.write("pl.quit", 1.0)
+    controller.until(lambda: machine.robot_task.state == "idle")
+    assert are_the_users(machine)
+    assert not any(task.active for task in machine.tasks)
+    controller.close()
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_another_program_in_a_slot_is_reported_and_never_aborted(number: int) -> None:
+    """It may guard something: pl.main ends and changes nothing."""
+
+    def occupied(machine: Machine) -> None:
+        users_settings(machine)
+        machine.load(parsed(TEXT + ".PROGRAM guard()\n  WAIT 1==2\n.END\n"))
+        machine.control.start_pc(number, "guard")
+
+    printed: list[str] = []
+    machine = Machine(SimArm(SimSettings(), seed=0), MemoryNetwork(), print_line=printed.append)
+    machine.load(parsed(TEXT))
+    occupied(machine)
+    machine.pendant.execute(START)
+    machine.advance(1_000_000_000)
+    assert f"another program is in {number}" in " ".join(" ".join(printed).split())
+    assert machine.tasks[number].state == "running"
+    assert machine.robot_task.state == "idle"
+    assert are_the_users(machine)

@@ -1,15 +1,15 @@
-"""The packet table of the controller's README is the one of the code."""
+"""The tables of the packet and of protocol plain are those of the code."""
 
 import re
 
 from controller.packet_table import TABLE
-from tools.packet_page import PAGE, packet_table, with_table
+from tools.packet_page import PAGES, packet_table, written
 
 
 def test_the_packet_page_is_generated_from_the_code() -> None:
     """`make readme` writes it; a change of the table without it fails here."""
-    text = PAGE.read_text(encoding="utf-8")
-    assert text == with_table(text)
+    for page in PAGES:
+        assert page.read_text(encoding="utf-8") == written(page)
 
 
 def test_each_line_names_six_numbers() -> None:

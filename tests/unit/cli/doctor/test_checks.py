@@ -83,7 +83,7 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_loop_delay(0.040, 0.034, **LOOP), "PASS", ""),
     (checks.check_loop_delay(0.042, 0.034, **LOOP), "WARN", "loop delay"),
     (checks.check_loop_delay(0.026, 0.034, **LOOP), "WARN", "loop delay"),
-    (checks.check_plain(), "WARN", "plain"),
+    (checks.check_plain()[-1], "WARN", "plain"),
     (checks.check_goodbye(held=True), "PASS", ""),
     (checks.check_goodbye(held=False), "WARN", "goodbye"),
     (checks.check_role("wrench", FRESH, "this"), "PASS", ""),

@@ -215,13 +215,14 @@ def test_protocol_plain_warns_of_the_protection_that_it_gives_up() -> None:
     """What it does not report is skipped, whether the cell is up or not; the rest is judged."""
     lines = bus_lines(PLAIN, observed(PLAIN, a_state(), NUMBERS))
     marks = words(lines)
-    (warning,) = (line for line in lines if line.check == "protection")
-    assert all(text in warning.found for text in NOT_PROTECTED)
+    warnings = [line for line in lines if line.check.startswith("protection ")]
+    assert [line.found for line in warnings] == [f"without {row}" for row in NOT_PROTECTED]
+    assert [bool(line.remedy) for line in warnings] == [*[False] * (len(warnings) - 1), True]
     assert {marks[check] for check in (*UNREPORTED, *CONNECTION_CHECKS)} == {"SKIP"}
-    assert (marks["protection"], marks["pose"], marks["sender"]) == ("WARN", "PASS", "PASS")
+    assert (marks["protection 1"], marks["pose"], marks["sender"]) == ("WARN", "PASS", "PASS")
     assert not STATUS_CHECKS & set(marks)
     down = words(check_cell(PLAIN))
-    assert down["protection"] == "WARN"
+    assert down["protection 1"] == "WARN"
     assert {down[check] for check in (*CONNECTION_CHECKS, *REST)} == {"SKIP"}
 
 

@@ -135,6 +135,7 @@ def test_an_error_moves_no_faster_than_the_cell_file_allows(vec, gain) -> None:
     """I times the error sent is at most 20 mm/s and 28.6 deg/s; a smaller error is unchanged."""
     made = commands(force_per_N=100, torque_per_Nm=1000, gain_i=5000)
     made.translated(integral(gain, gain))
+    gain = round(gain * GAIN_I) / GAIN_I  # as sent
     (sent,) = made.translated(packet(Com.WRENCH, 0, vec))
     for first, units, most in ((0, 100, 20.0), (3, 1000, 28.65)):
         parts, ours = sent.vec[first : first + 3], vec[first : first + 3]

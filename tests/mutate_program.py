@@ -20,13 +20,15 @@ from sim.as_language.errors import AsSyntaxError
 from sim.as_language.parser import parse
 from tests.fakes import controller_talk
 
-TESTS = Path(__file__).resolve().parent / "unit"
-# Tests that run first: those most likely to detect a change in this part.
+TESTS = Path(__file__).resolve().parent / "unit" / "controller"
+# Tests by the end of their file's name, and the parts whose changes they detect first.
 ORDER = {
-    "step seed": "feedback", "take turn release": "commands", "send": "numbers",
-    "recv hello": "program", "watch halt": "watchdog",
-    "tick frames": "faults", "": "centre", "begin leave restore back main": "life",
+    "feedback": "step seed", "commands": "take turn release angle jpace", "numbers": "send",
+    "segments": "fresh ready gone pace", "limits": "judge", "signals": "signal",
+    "messages": "recv hello", "watchdog": "watch halt", "faults": "tick frames", "centre": "",
+    "life": "begin end.pc leave restore back main",
 }  # fmt: skip
+FILES = {name: TESTS / f"test_forcemesh_as_{name}.py" for name in ORDER}
 NOTHING = ".zz=0"  # a step that does nothing
 SWAPS = (
     (r"<>", "=="), (r"==", "<>"), (r"(?<!<)>(?!=)", "<="), (r"<(?![>=])", ">="),
@@ -91,8 +93,8 @@ def survives(mutant: Mutant) -> tuple[Mutant, bool]:
     os.environ["CI"] = "1"  # the same examples every time
     controller_talk.TEXT = mutant.text()
     sys.stdout = sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
-    names = sorted(ORDER, key=lambda parts: mutant.part not in parts.split())
-    files = [str(TESTS / f"test_controller_{ORDER[parts]}.py") for parts in names]
+    names = sorted(ORDER, key=lambda name: mutant.part not in ORDER[name].split())
+    files = [str(FILES[name]) for name in names]
     options = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not xfail", "--timeout", "120"]
     return mutant, pytest.main([*options, *files]) == pytest.ExitCode.OK
 

@@ -86,7 +86,7 @@ ROBOT_SIGNALS    = Topic("robot/signals",    m.RobotSignals,    "status",  "stat
 SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
 WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw values alongside")
 REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
-CONTACT          = Topic("contact",          m.ContactEvent,    "status",  "status",  "regulator", (CLIENT,),                                          "report", "state of the contact at each change and at the status rate: impact, contact, sliding, lost")
+CONTACT          = Topic("contact",          m.ContactEvent,    "status",  "status",  "regulator", ("wrench", CLIENT),                                 "report", "state of the contact at each change and at the status rate: impact, contact, sliding, lost")
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
 ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, commander, every tripped limit with its value, what clears it")
 

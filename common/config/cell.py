@@ -157,7 +157,7 @@ class ForceSection(ConfigSection):
     # Opt-in: above 80 % of a ceiling the tool retreats along its axis by this distance, then holds.
     retreat_m: float = Field(0.0, ge=0.0, le=0.002)
     retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)
-    tare_max_N: float = Field(5.0, gt=0.0, le=100.0)  # a larger change of bias counts as contact
+    tare_max_N: float = Field(5.0, gt=0.0, le=100.0)  # of all tares since the calibration
     tare_max_Nm: float = Field(1.0, gt=0.0, le=10.0)
     tare_age_max_s: float = Field(28_800.0, ge=60.0, le=864_000.0)  # age of the last tare at arming
 

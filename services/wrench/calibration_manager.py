@@ -19,6 +19,7 @@ from common.motion.frames import GRAVITY_M_S2, Array, rotation_between
 from common.motion.weight import residual
 from forcemesh.errors import DataError
 from forcemesh.faults import refusal
+from forcemesh.messages import TOUCHING, ContactEvent
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
 from services.wrench.active_calibration import (
     ActiveCalibration,
@@ -34,6 +35,7 @@ REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at 
 REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogram
 WEIGHT_SHARE = 0.6  # a wrong unit or sign removes 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
 LEAST_WEIGHT_N = 2.0  # drift can be as large as a smaller weight
+FREE_FIRST = "move the tool into free space; if it hangs free, run `forcemesh calibrate --free`"
 
 
 class RequestContext(NamedTuple):
@@ -44,6 +46,7 @@ class RequestContext(NamedTuple):
     T_base_flange: pin.SE3 | None  # None only with a fault
     moving: bool  # the robot reports motion
     feedback_runs: bool
+    contact: ContactEvent | None  # of the regulator, None without a fresh and valid one
 
 
 class CalibrationManager:
@@ -54,21 +57,26 @@ class CalibrationManager:
         self._cell = cell
         self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        self.in_use: ActiveCalibration = initial_calibration(cell)
-        self._activate(self.in_use, now_ns)  # after a restart the age of the zero is unknown
+        # After a restart the age of the zero is unknown.
+        self._calibrate(initial_calibration(cell), now_ns)
         # The last readings (force, torque; sensor axes) with the flange's pose; cleared by a gap.
         self._window = round(WINDOW_S * cell.rates.sensor_hz)
         self.recent: deque[tuple[tuple[float, ...], pin.SE3]] = deque(maxlen=self._window)
 
     def tare(self, context: RequestContext, _: Empty) -> Reply:
         """Take the present reading as zero."""
-        if (refused := self._refusal(context)) is not None:
+        if (refused := self._refusal(context) or _contact_refusal(context.contact)) is not None:
             return refused
         readings = [np.array(reading) for reading, _ in self.recent]
         R = (context.T_base_flange * self._T_flange_sensor).rotation
         force = self._cell.force
         payload, reply = tare(
-            self.in_use.payload, readings, R, most_N=force.tare_max_N, most_Nm=force.tare_max_Nm
+            self.in_use.payload,
+            readings,
+            R,
+            most_N=force.tare_max_N,
+            most_Nm=force.tare_max_Nm,
+            calibrated=self._calibrated,
         )
         if reply.accepted:
             name = f"{self.in_use.origin}, tared"
@@ -99,7 +107,7 @@ class CalibrationManager:
             )
             value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
             return refusal("contact", text, value=value, limit=limit)
-        self._activate(new, context.now_ns)
+        self._calibrate(new, context.now_ns)
         text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
@@ -114,6 +122,10 @@ class CalibrationManager:
         self.in_use = replace(self.in_use, axes_checked=True)
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
+
+    def _calibrate(self, calibration: ActiveCalibration, now_ns: int) -> None:
+        self._calibrated = calibration.payload  # before any tare
+        self._activate(calibration, now_ns)
 
     def _activate(self, calibration: ActiveCalibration, now_ns: int) -> None:
         """Use a calibration whose bias dates from `now_ns`."""
@@ -147,6 +159,17 @@ class CalibrationManager:
         return refusal("moving", text, value=value, limit=limit)
 
 
+def _contact_refusal(contact: ContactEvent | None) -> Reply | None:
+    """Refuse while the regulator reports contact: its force would be taken for bias."""
+    if contact is None or contact.state not in TOUCHING:
+        return None
+    text = (
+        f"the tool has been in contact for {contact.duration_s:.1f} s, with up to "
+        f"{contact.peak_N:.1f} N: {FREE_FIRST}"
+    )
+    return refusal("contact", text, value=contact.peak_N)
+
+
 def tare(
     payload: Payload,
     samples: Sequence[Array],
@@ -154,33 +177,49 @@ def tare(
     *,
     most_N: float,
     most_Nm: float,
+    calibrated: Payload | None = None,
 ) -> tuple[Payload, Reply]:
     """Return the payload with the new bias, or the old one with the reason of the refusal.
 
-    Only the bias changes, by the mean residual of the readings after bias and weight. It must not
-    absorb the weight of the tool: that would hide a wrong sign, axis or unit.
+    Only the bias changes, by the mean residual of the readings after bias and weight. The change
+    is limited, and so is the sum of all changes since the calibration: a contact that is tared
+    step by step is not drift. It must not absorb the weight of the tool either: that would hide a
+    wrong sign, axis or unit.
 
     Args:
         payload: The present payload.
         samples: Readings at rest, force then torque, sensor axes. Each of shape (6,).
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3).
-        most_N: Largest change of bias; a larger one is taken for contact.
-        most_Nm: The same for the torque.
+        most_N: Largest change of bias, `force.tare_max_N`; a larger one is taken for contact.
+        most_Nm: The same for the torque, `force.tare_max_Nm`.
+        calibrated: The payload before the first tare; None: the present one is not tared.
     """
     mean = np.mean(samples, axis=0)
-    shift_N, shift_Nm = residual(payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:])
-    change_N, change_Nm = float(np.linalg.norm(shift_N)), float(np.linalg.norm(shift_Nm))
-    for change, most, unit in ((change_N, most_N, "N"), (change_Nm, most_Nm, "N m")):
-        if change > most:
-            text = f"the bias would change by {change:.1f} {unit}: is the tool in contact?"
-            return payload, refusal("contact", text, value=change, limit=most)
-    weight_N = payload.mass_kg * GRAVITY_M_S2
-    if weight_N >= LEAST_WEIGHT_N and change_N > WEIGHT_SHARE * weight_N:
+    shift, total = [
+        residual(each, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:])
+        for each in (payload, calibrated or payload)
+    ]
+    (change_N, change_Nm), (total_N, total_Nm) = [
+        [float(np.linalg.norm(part)) for part in each] for each in (shift, total)
+    ]
+    for change, since, most, key, unit in (
+        (change_N, total_N, most_N, "force.tare_max_N", "N"),
+        (change_Nm, total_Nm, most_Nm, "force.tare_max_Nm", "N m"),
+    ):
+        if max(change, since) > most:
+            text = (
+                f"the bias would change by {change:.1f} {unit}: {since:.1f} {unit} since the "
+                f"calibration, {key} allows {most:g} {unit}; {FREE_FIRST}"
+            )
+            return payload, refusal("contact", text, value=max(change, since), limit=most)
+    weight_N, changed_N = payload.mass_kg * GRAVITY_M_S2, max(change_N, total_N)
+    if weight_N >= LEAST_WEIGHT_N and changed_N > WEIGHT_SHARE * weight_N:
         text = (
-            f"the bias would change by {change_N:.1f} N and the tool weighs {weight_N:.1f} N: "
+            f"the bias would change by {changed_N:.1f} N and the tool weighs {weight_N:.1f} N: "
             "a sign, an axis or a unit of the sensor, or the payload, is wrong"
         )
-        return payload, refusal("payload", text, value=change_N, limit=WEIGHT_SHARE * weight_N)
+        return payload, refusal("payload", text, value=changed_N, limit=WEIGHT_SHARE * weight_N)
+    shift_N, shift_Nm = shift
     bias = {
         "bias_force_N": vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
         "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),

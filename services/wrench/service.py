@@ -75,6 +75,7 @@ class WrenchService:
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._target = bus.reader(topics.REGULATOR_TARGET)
+        self._contact = bus.reader(topics.CONTACT)
         self._out = bus.publisher(topics.WRENCH)
         self._requests: tuple[tuple[Inbox[Any], Callable[[RequestContext, Any], Reply]], ...] = (
             (bus.inbox(topics.TARE), self._manager.tare),
@@ -114,7 +115,7 @@ class WrenchService:
             self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
         if fault != NO_FAULT or now_ns >= self._fault_until_ns:
             self._fault, self.fault = fault, fault.text
-        target = self._target.read(now_ns).fresh
+        target, contact = self._target.read(now_ns).fresh, self._contact.read(now_ns).fresh
         for inbox, answer in self._requests:
             for each in inbox.take_all():
                 context = RequestContext(
@@ -123,6 +124,7 @@ class WrenchService:
                     self._T_base_flange,
                     moving=self._report is not None and self._report.status.moving,
                     feedback_runs=target is not None and target.valid,
+                    contact=contact,
                 )
                 each.reply(answer(context, each.request))
         if now_ns >= self._next_put_ns or (was_valid and self._fault != NO_FAULT):

@@ -259,6 +259,25 @@ def test_the_tare_accepts_only_wirings_and_units_that_show_the_weight(unit: floa
     assert passed == (8 if unit == 1.0 else 0)
 
 
+def test_tares_do_not_ratchet_while_the_tool_presses() -> None:
+    """Press 4 N, stop, tare, twelve times: each tare is refused, and the true force stays 4 N."""
+    world = VirtualCell(cell_with(sim__gap_m=GAP_M))
+    world.advance(1.3)
+    assert world.client.ask(topics.TARE, Empty()).accepted
+    true_N = 0.0
+    for _ in range(12):
+        world.client.ask(topics.ARM, ArmRequest())
+        world.client.ask(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=4.0))
+        world.advance(1.0)
+        world.client.ask(topics.FORCE_STOP, Empty())
+        world.advance(0.4)
+        reply = world.client.ask(topics.TARE, Empty())
+        true_N = float(np.linalg.norm(world.arm.true_wrench().force_N))
+        assert (reply.accepted, reply.code) == (False, "contact"), f"{true_N:.1f} N"
+        assert "forcemesh calibrate" in reply.text
+    assert 3.0 < true_N < 5.0
+
+
 def biases() -> tuple[Array, Array]:
     """Return the bias of force and of torque."""
     return np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
-from common.motion.weight import residual
+from common.motion.weight import predict, residual
 from forcemesh import topics
-from forcemesh.messages import RobotStatus
+from forcemesh.messages import ContactEvent, ContactState, RobotStatus
 from forcemesh.requests import Empty
 from services.wrench.calibration_manager import tare
 from tests.fakes.bench import CELL
@@ -137,6 +139,61 @@ def test_a_change_as_large_as_the_limit_is_accepted(
     sample = reading(1.0, force_N=force_N, torque_Nm=torque_Nm)
     _, reply = tare(tool_of(1.0), [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
     assert reply.code == code
+
+
+vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
+
+
+@given(st.lists(st.tuples(vectors, vectors), min_size=1, max_size=12))
+def test_no_sequence_of_tares_moves_the_zero_beyond_the_limit(loads) -> None:
+    """However a contact grows from tare to tare: what all of them absorb stays within the limit."""
+    calibrated = tool_of(1.0).model_copy(update={"force_gain": (1.2, 0.9, 1.0)})
+    payload, total = calibrated, np.zeros(6)
+    for load in loads:
+        total = total + np.concatenate(load) * ([1.0] * 3 + [0.1] * 3)
+        sample = np.concatenate(predict(calibrated, np.eye(3)))
+        sample += total * (calibrated.force_gain + calibrated.torque_gain)
+        payload, reply = tare(
+            payload, [sample], np.eye(3), most_N=5.0, most_Nm=0.5, calibrated=calibrated
+        )
+        bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
+        assert np.linalg.norm(bias_N / calibrated.force_gain) <= 5.0 + 1e-9
+        assert np.linalg.norm(bias_Nm) <= 0.5 + 1e-9
+        if reply.accepted:
+            continue
+        assert reply.limit in (5.0, 0.5)
+        assert reply.value is not None
+        assert reply.value > reply.limit
+
+
+def test_the_limit_counts_from_the_calibration_until_the_next_one(bench: WrenchBench) -> None:
+    """Three newtons twice are six; the refusal has value, limit, key and remedy."""
+    bench.pass_s(0.3)
+    reading_N = np.array(bench.sample().force_N)
+    for pull_N, accepted in ((3.0, True), (6.0, False), (4.9, True)):
+        bench.sensor = {"force_N": tuple((reading_N + np.array([pull_N, 0.0, 0.0])).tolist())}
+        bench.pass_s(0.3)
+        reply = bench.ask(topics.TARE, Empty())
+        assert reply.accepted == accepted
+        if not accepted:
+            assert (reply.code, reply.limit) == ("contact", CELL.force.tare_max_N)
+            assert reply.value == pytest.approx(6.0)
+            assert "force.tare_max_N" in reply.text
+            assert "forcemesh calibrate" in reply.text
+
+
+@pytest.mark.parametrize(
+    ("state", "accepted"), [("contact", False), ("sliding", False), ("lost", True)]
+)
+def test_a_tare_while_the_regulator_reports_contact_is_refused(
+    bench: WrenchBench, state: ContactState, accepted: bool
+) -> None:
+    """A small force in a known contact is not drift; a report that is stale is not a contact."""
+    bench.pass_s(0.3)
+    bench.put(topics.CONTACT, ContactEvent(state=state, peak_N=4.0))
+    assert bench.ask(topics.TARE, Empty()).accepted == accepted
+    bench.pass_s(2.0 * CELL.stale_after_s(topics.CONTACT))
+    assert bench.ask(topics.TARE, Empty()).accepted
 
 
 @pytest.mark.parametrize(

@@ -272,6 +272,14 @@ def check_role(
     return passed(check, found)
 
 
+def check_serial(serial: str) -> ReportLine:
+    """Check whether the sensor reports the number that its calibration names."""
+    if serial:
+        return passed("sensor serial", serial)
+    text = "none reported: another sensor in its place would not be detected"
+    return finding("sensor serial", "WARN", text, "sensor serial")
+
+
 def check_stream(
     key: str, hz: float | None, expected_hz: float, *, slow_below: float = SLOW_BELOW
 ) -> ReportLine:

@@ -29,6 +29,7 @@ REMEDIES = {
     "sensor.robotiq": "install it: pip install 'forcemesh[robotiq]'",
     "sensor.bota": "install it: pip install 'forcemesh[bota]'",
     "sensor.device": "check the plug; `ls /dev/serial/by-id` shows the name for sensor.device; the user must be in the group dialout",
+    "sensor serial": "calibrate after each change of sensor; sensor.calibration: page (or both) reads the number of a sensor with RDT",
     "role.version": "restart the cell; run one version everywhere",
     "address.unresolved": "write the controller's IP address into gateway.host, or correct the name",
     "address.refused": "on the controller: EXECUTE fm.main; compare fm.port in fm.config with gateway.port",

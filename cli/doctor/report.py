@@ -28,6 +28,7 @@ from cli.doctor.checks import (
     check_round_trip,
     check_scales,
     check_sender,
+    check_serial,
     check_status,
     check_stream,
     finding,
@@ -67,8 +68,7 @@ from services.regulator.delay_watch import DelayWatchSettings
 CONNECT_WITHIN_S = 0.5
 OBSERVED_S = 3.0
 RATE_POLL_S = 0.002
-STREAMS: tuple[topics.Topic[Any], ...] = (  # besides robot/state
-    topics.SENSOR_WRENCH,
+STREAMS: tuple[topics.Topic[Any], ...] = (  # besides robot/state and sensor/wrench
     topics.WRENCH,
     topics.REGULATOR_TARGET,
     topics.ROBOT_COMMAND,
@@ -121,6 +121,7 @@ class ObservedCell:
     robot: Health | None  # the robot's process, while its health is fresh
     state: RobotState | None  # the newest, valid or not
     stream_hz: dict[str, float | None] = field(default_factory=dict)
+    sensor: SensorWrench | None = None  # the newest reading
 
 
 def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell | None:
@@ -128,7 +129,8 @@ def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell 
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view, robot = CellView(bus, cell), Feed(bus, topics.ROBOT_STATE, LostError)
-            feeds = [robot, *(Feed(bus, row, LostError) for row in STREAMS)]
+            sensor = Feed(bus, topics.SENSOR_WRENCH, LostError)
+            feeds = [robot, sensor, *(Feed(bus, row, LostError) for row in STREAMS)]
             end_s = time.monotonic() + max(watch_s, view.longest_wait_s)
             while time.monotonic() < end_s:
                 for feed in feeds:
@@ -140,6 +142,7 @@ def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell 
                 robot=view.fresh_health("robot"),
                 state=robot.reading().message,
                 stream_hz={feed.topic.key: feed.rate_hz for feed in feeds},
+                sensor=sensor.reading().message,
             )
     except BusError:
         return None
@@ -224,6 +227,8 @@ def bus_lines(
             share = DECIMATED_BELOW if is_decimated else SLOW_BELOW
             hz = found.stream_hz[row.key]
             lines.append(check_stream(row.key, hz, cell.rate_hz(row), slow_below=share))
+    if found.sensor is not None and cell.roles.sensor != "sim":
+        lines.append(check_serial(found.sensor.serial))
     lines += _loop_delay_lines(cell, found.roles.get("regulator"))
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))

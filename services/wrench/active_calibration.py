@@ -29,12 +29,16 @@ class ActiveCalibration:
     axes_checked: bool = False  # axes and signs were verified while it was active
 
     def fault(self, sensor: str) -> str:
-        """Return why force feedback must not use it with the sensor of this serial number."""
-        if self.objection or not sensor or not self.sensor or sensor == self.sensor:
+        """Return why force feedback must not use it with the sensor of this serial number.
+
+        An empty number is that of a sensor that reports none: it could be any.
+        """
+        if self.objection or not self.sensor or sensor == self.sensor:
             return self.objection
+        this = f"is {sensor}" if sensor else "reports no serial number"
         return (
-            f"calibration {self.origin} was made with sensor {self.sensor}, but this sensor is "
-            f"{sensor}: run `forcemesh calibrate`"
+            f"calibration {self.origin} was made with sensor {self.sensor}, but this sensor "
+            f"{this}: run `forcemesh calibrate`"
         )
 
 

@@ -92,6 +92,8 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_role("wrench", MISSING, "this"), "FAIL", "role.silent"),
     (checks.check_role("wrench", FAULTY, "this"), "FAIL", "role.fault"),
     (checks.check_role("wrench", OTHER_FILE, "this"), "WARN", "role.config"),
+    (checks.check_serial("FT1"), "PASS", ""),
+    (checks.check_serial(""), "WARN", "sensor serial"),
     (checks.check_stream("wrench", 250.0, 250.0), "PASS", ""),
     (checks.check_stream("wrench", 200.0, 250.0), "WARN", "stream.slow"),
     (checks.check_stream("wrench", 200.0, 250.0, slow_below=0.6), "PASS", ""),

@@ -27,7 +27,14 @@ from controller.packet_table import ID_FIRST, Com, Status, greeting
 from controller.plain import NOT_PROTECTED
 from forcemesh import topics
 from forcemesh.bus import Reading
-from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
+from forcemesh.messages import (
+    Health,
+    KawasakiStatus,
+    LinkHealth,
+    RobotState,
+    RobotStatus,
+    SensorWrench,
+)
 from services.gateway.connection import robot_status
 from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
@@ -195,6 +202,17 @@ def test_a_running_cell_is_observed_on_the_bus() -> None:
     assert set(marks.values()) == {"PASS", "SKIP"}
     assert {*PROCESSES, *STATUS_CHECKS, "link", "robot/state"} <= set(marks)
     assert doctor.exit_code(lines) == OK
+
+
+@pytest.mark.parametrize(("serial", "result"), [("FT1", "PASS"), ("", "WARN")])
+def test_a_sensor_without_a_serial_number_is_reported(serial: str, result: str) -> None:
+    """Its calibration could be that of another one; a simulated sensor has no such line."""
+    found = observed(TCP, a_state(), NUMBERS)
+    found.sensor = SensorWrench(serial=serial)
+    assert "sensor serial" not in words(bus_lines(TCP, found))
+    roles = TCP.roles.model_copy(update={"sensor": "driver"})
+    cell = TCP.model_copy(update={"roles": roles})
+    assert words(bus_lines(cell, found))["sensor serial"] == result
 
 
 def test_the_monitor_speed_is_compared_with_that_of_the_measured_delay() -> None:

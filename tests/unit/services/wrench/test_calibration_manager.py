@@ -114,15 +114,19 @@ def test_a_calibration_of_another_setup_is_not_valid(changes: dict[str, Any], re
 
 
 def test_a_calibration_of_another_sensor_is_not_valid(bench: WrenchBench) -> None:
-    """The serial number is compared where both are known, also after a change in operation."""
+    """A sensor without a number has only a calibration without one; a change counts at once."""
     in_use = initial_calibration(with_calibration(demo_calibration(sensor="FT1")))
-    assert in_use.fault("") == in_use.fault("FT1") == ""
+    assert in_use.fault("FT1") == ""
     assert "FT2" in in_use.fault("FT2")
+    assert "reports no serial number" in in_use.fault("")
+    unnumbered = initial_calibration(with_calibration(demo_calibration(sensor="")))
+    assert unnumbered.fault("") == unnumbered.fault("FT1") == ""
     bench = WrenchBench(with_calibration(demo_calibration(sensor="FT1")))
     bench.sensor = {"serial": "FT1"}
     assert bench.settle().calibrated
-    bench.sensor = {"serial": "FT2"}
-    assert not bench.settle().calibrated
+    for serial in ("FT2", ""):
+        bench.sensor = {"serial": serial}
+        assert not bench.settle().calibrated
 
 
 # --- in operation ---------------------------------------------------------------------------------

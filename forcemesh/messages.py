@@ -196,6 +196,7 @@ class WrenchAtTcp(Message):
     calibrated: bool = False  # whether force feedback may rely on it
     calibration_fault: Text = ""  # why not
     axes_checked: bool = False  # `forcemesh check axes` has verified axes and signs with it
+    mounting_rotation_rad: Vec3 = ZERO3  # of it: from the axes of the cell file to the true ones
 
 
 class Gains(Record):

@@ -79,7 +79,8 @@ class TaskPilot:
         """Start or change a task: the set points of a new frame begin at the present load."""
         wrench, T = self.rig.wrench(), self.rig.arm.T_base_tcp
         request = ForceStartRequest(task=parse_task(text, frame, pose))
-        goal = request_task(request, T, self.rig.cell)
+        mounting_rad = self.rig.payload.mounting_rotation_rad
+        goal = request_task(request, T, self.rig.cell, mounting_rad=mounting_rad)
         first = first_setpoint(goal, wrench.force_N, wrench.torque_Nm, T)
         is_same = self._begun and same_frame(self.goal, goal)
         self.goal, self._begun = goal, True

@@ -133,6 +133,16 @@ def pose(position_m: Array | tuple[float, ...], R: Array) -> pin.SE3:
     return pin.SE3(np.asarray(R, dtype=float), np.asarray(position_m, dtype=float))
 
 
+def true_sensor(T_flange_sensor: pin.SE3, mounting_rad: Vec3) -> pin.SE3:
+    """Return the pose of the sensor with the identified correction of its mounting.
+
+    Args:
+        T_flange_sensor: Pose in the cell file.
+        mounting_rad: `mounting_rotation_rad` of the payload, a rotation vector in its axes.
+    """
+    return T_flange_sensor * pose(ZERO3, rotation_from_vector(np.array(mounting_rad)))
+
+
 def is_finite_pose(T: pin.SE3) -> bool:
     """Return whether every number of a pose is finite."""
     return bool(T.isApprox(T))  # x - x is zero only for a finite x

@@ -369,8 +369,9 @@ class Regulator:
             return refused or refusal(worse.code, worse.fault)
         T_measured = pose_of(robot.fresh) * self._T_flange_tcp
         requested = request.law or cell.force.law
+        goal = request_task(request, T_measured, cell, mounting_rad=fresh.mounting_rotation_rad)
         refused = (
-            refused_task(request, cell, T_measured.rotation)
+            refused_task(request, cell, goal.R_base_task(T_measured.rotation.tolist()))
             or refused_axes(request, T_measured.rotation)
             or refused_guide(request, requested, fresh)
         )
@@ -379,7 +380,6 @@ class Regulator:
         if request.preset is not None:
             self._use_gains(tune(cell, request.preset).gains)
         law = requested if LAWS[requested].covers(cell) else "plain"
-        goal = request_task(request, T_measured, cell)
         first = first_setpoint(goal, fresh.force_N, fresh.torque_Nm, T_measured)
         session = self._session
         if session is None or session.failed or session.request.host != request.host:

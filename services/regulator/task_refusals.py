@@ -3,15 +3,14 @@
 from math import hypot
 
 import numpy as np
-import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array
+from common.motion.frames import Rows
 from forcemesh.faults import refusal
 from forcemesh.force_task import AXIS_NAMES
 from forcemesh.requests import ForceStartRequest, ForceTask, Reply, TaskAxis
 from services.regulator.laws import LAWS
-from services.regulator.task_request import complying, request_task
+from services.regulator.task_request import complying
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
 BASE_AXIS = 0.999  # least component of an axis along the base axis that it is: 2.5 degrees
@@ -39,13 +38,13 @@ def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) 
     return ""
 
 
-def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array) -> Reply | None:
+def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_task: Rows) -> Reply | None:
     """Return why the set points or the host of a task are refused, None when they are not.
 
     Args:
         request: The request, without contradictions.
         cell: Ceilings of force and torque.
-        R_base_tcp: Measured orientation of the tool, shape (3, 3).
+        R_base_task: Axes of the task in base, with the measured orientation of the tool.
     """
     task = request.task
     if task is None:
@@ -60,7 +59,7 @@ def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array
         text = f"torque set point of the task above {TORQUE_SHARE:g} of limits.torque_Nm"
         return refusal("setpoint", text, value=twist_Nm, limit=largest_Nm)
     if request.host == "controller":
-        text = beyond_controller(task, request, cell, R_base_tcp)
+        text = beyond_controller(task, R_base_task)
         return refusal("host", f"{text}; host pc can") if text else None
     return None
 
@@ -70,9 +69,7 @@ def halves(task: ForceTask) -> tuple[tuple[TaskAxis, ...], tuple[TaskAxis, ...]]
     return task.axes[:3], task.axes[3:]
 
 
-def beyond_controller(
-    task: ForceTask, request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array
-) -> str:
+def beyond_controller(task: ForceTask, R_base_task: Rows) -> str:
     """Return what the host controller's commands cannot do of a task, empty if they can do it.
 
     They hold set points of force and torque about the TCP in base axes, and gains of the base axes:
@@ -88,21 +85,17 @@ def beyond_controller(
             return f"axis {name}: host controller has no control {axis.control}"
         if field := next((key for key in own if getattr(axis, key) is not None), ""):
             return f"axis {name}: host controller has no {field} for single axes"
-    return _held_beyond_controller(request, task, cell, R_base_tcp)
+    return _held_beyond_controller(task, R_base_task)
 
 
-def _held_beyond_controller(
-    request: ForceStartRequest, task: ForceTask, cell: CellConfig, R_base_tcp: Array
-) -> str:
+def _held_beyond_controller(task: ForceTask, R_base_task: Rows) -> str:
     """Return which held axes gains of the base axes cannot hold, empty if none."""
-    T = pin.SE3(R_base_tcp, np.zeros(3))
-    R = np.array(request_task(request, T, cell).R_base_task(R_base_tcp.tolist()))
     for group, what in zip(halves(task), ("along", "about"), strict=True):
         held = [axis.control == "held" for axis in group]
         if all(held) or not any(held):
             continue
         if task.frame != "base" and any(axis.control != "held" for axis in task.axes[3:]):
             return f"held axes {what} frame {task.frame}: host controller turns them away"
-        if np.abs(R).max(axis=0).min() < BASE_AXIS:
+        if np.abs(R_base_task).max(axis=0).min() < BASE_AXIS:
             return f"held axes {what} frame {task.frame}: host controller can hold base axes only"
     return ""

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Rows, cross, plus, rotated_back
+from common.motion.frames import Rows, cross, plus, rotated_back, true_sensor
 from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest, TaskAxis
 from services.regulator.admittance import resting_deadband_N, resting_deadband_Nm
@@ -29,13 +29,16 @@ TORQUE_LEVER_M = 0.1  # a torque set point rises as a force at this distance
 TURN_LIMIT_RAD = 0.5  # default deviation about an axis with a torque set point: no contact ends it
 
 
-def request_task(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> AxisTask:
+def request_task(
+    request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConfig, *, mounting_rad: Vec3
+) -> AxisTask:
     """Return the task of a request, with its final set points.
 
     Args:
         request: A checked request.
         T_base_tcp: Measured pose of the TCP.
         cell: Mounting of the sensor, deadbands.
+        mounting_rad: Identified correction of this mounting, a rotation vector, from the wrench.
     """
     asked = request.task
     if asked is None:
@@ -57,7 +60,7 @@ def request_task(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConf
         # Less could be noise: a contact at it would be taken for lost, and searched at full speed.
         searches=hypot(*force_N) > SEARCHED_DEADBANDS * cell.force.deadband_N,
         torque_Nm=_three([axis.setpoint for axis in axes[3:]]),
-        R_task=_rotation(request, T_base_tcp, cell),
+        R_task=_rotation(request, T_base_tcp, cell, mounting_rad),
         in_base=asked.frame in ("base", "pose", "path"),
         origin_m=asked.pose.position_m if asked.pose is not None else None,
         deadbands=(
@@ -142,14 +145,17 @@ def ramped(now: AxisTask, goal: AxisTask, step_N: float) -> AxisTask:
     )
 
 
-def _rotation(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Rows | None:
+def _rotation(
+    request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConfig, mounting_rad: Vec3
+) -> Rows | None:
     """Return the axes of the task frame, in base or in the TCP frame."""
     asked = request.task
     if asked is None or asked.frame == "tool":
         return None
     if asked.frame == "sensor":
         T_tcp_flange = cell.tool.T_flange_tcp.pose.inverse()
-        T_task: pin.SE3 = T_tcp_flange * cell.sensor.T_flange_sensor.pose
+        T_flange_true = true_sensor(cell.sensor.T_flange_sensor.pose, mounting_rad)
+        T_task: pin.SE3 = T_tcp_flange * T_flange_true
     elif asked.pose is not None:
         T_task = pose_of(asked.pose)
     elif asked.frame == "path":  # until there is a path, its tangent is the tool's x axis

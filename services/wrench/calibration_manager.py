@@ -57,8 +57,8 @@ class CalibrationManager:
         self._cell = cell
         self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        # After a restart the age of the zero is unknown.
-        self._calibrate(initial_calibration(cell), now_ns)
+        self.in_use: ActiveCalibration = initial_calibration(cell)
+        self._calibrate(self.in_use, now_ns)  # after a restart the age of the zero is unknown
         # The last readings (force, torque; sensor axes) with the flange's pose; cleared by a gap.
         self._window = round(WINDOW_S * cell.rates.sensor_hz)
         self.recent: deque[tuple[tuple[float, ...], pin.SE3]] = deque(maxlen=self._window)

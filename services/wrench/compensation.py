@@ -30,7 +30,7 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.payload import Payload
 from common.motion.convert import vec3
-from common.motion.frames import GRAVITY_M_S2, Array, pose, rotation_from_vector
+from common.motion.frames import GRAVITY_M_S2, Array, true_sensor
 from forcemesh.messages import ZERO3, Vec3
 
 PERIODS_MEASURED = 50  # window in which the robot's real period is measured
@@ -82,8 +82,7 @@ class Compensation:
 
     def __init__(self, payload: Payload, T_flange_sensor: pin.SE3, T_flange_tcp: pin.SE3) -> None:
         """Prepare the constants, in the axes of the true sensor."""
-        R_mount = rotation_from_vector(np.array(payload.mounting_rotation_rad))
-        self._T_flange_true = T_flange_sensor * pose(ZERO3, R_mount)
+        self._T_flange_true = true_sensor(T_flange_sensor, payload.mounting_rotation_rad)
         self.p_flange_com_in_flange = self._T_flange_true.act(np.array(payload.com_m))
         self._p_tcp_m = self._T_flange_true.actInv(T_flange_tcp).translation.tolist()
         self._com_m, self._mass_kg = payload.com_m, payload.mass_kg

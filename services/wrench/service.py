@@ -193,6 +193,7 @@ class WrenchService:
             calibrated=not calibration_fault,
             calibration_fault=calibration_fault,
             axes_checked=calibration.axes_checked,
+            mounting_rotation_rad=calibration.payload.mounting_rotation_rad,
         )
         header = sensor.header
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))

@@ -7,10 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.motion.convert import record_of
+from common.motion.convert import pose_of, record_of
 from forcemesh import topics
 from forcemesh.force_task import parse_task
-from forcemesh.messages import RegulatorTarget
+from forcemesh.messages import ZERO3, RegulatorTarget
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.gains import held_gains
@@ -171,13 +171,29 @@ def test_the_controller_runs_a_turned_frame_without_held_axes() -> None:
     assert feedback.gains == tune(CELL).gains
 
 
+def test_frame_sensor_is_that_of_the_sensor_as_it_is_mounted() -> None:
+    """The cell file's mounting with the rotation that the calibration has identified."""
+    bench = FollowingBench()
+    mounting_rad = (0.02, -0.03, 0.15)
+    bench.wrench = bench.wrench.replaced(mounting_rotation_rad=mounting_rad)
+    bench.push((8.0, 0.0, 0.0))
+    assert bench.start(request("x=force:0 y=force:0 z=force:0", "sensor", preset="gentle")).accepted
+    bench.pass_s(0.1)
+    true_R = CELL.sensor.T_flange_sensor.pose.rotation @ pin.exp3(np.array(mounting_rad))
+    R_base_sensor = pose_of(bench.robot).rotation @ true_R
+    exerted = [axis.exerted for axis in bench.published().axes[:3]]
+    assert exerted == pytest.approx((R_base_sensor.T @ [-8.0, 0.0, 0.0]).tolist(), abs=1e-3)
+
+
 def test_the_deadband_of_a_spring_is_that_of_hand_guiding_at_rest() -> None:
     """It does not narrow in motion, unless the request has one of its own."""
     T = T_START
     for text, width in (("x=admittance,stiffness=9", CELL.force.idle_max_N), ("x=free", None)):
-        task = request_task(request(text), T, CELL)
+        task = request_task(request(text), T, CELL, mounting_rad=ZERO3)
         assert task.deadbands[0] == (width, None, None)
-    task = request_task(request("x=admittance,stiffness=9,deadband=0.5"), T, CELL)
+    task = request_task(
+        request("x=admittance,stiffness=9,deadband=0.5"), T, CELL, mounting_rad=ZERO3
+    )
     assert task.deadbands[0] == (0.5, None, None)
 
 

@@ -55,7 +55,7 @@ def send_calibration(bench: WrenchBench, found: CalibrationSection) -> Reply:
 
 
 def test_the_calibration_replaces_the_cell_files_payload() -> None:
-    """From the start on each wrench has its revision and is marked as calibrated."""
+    """From the start on each wrench has its revision and mounting and is marked as calibrated."""
     found = demo_calibration()
     bench = WrenchBench(with_calibration(found, mass_kg=0.1, bias_force_N=(9.0, 9.0, 9.0)))
     message = bench.settle()
@@ -65,6 +65,9 @@ def test_the_calibration_replaces_the_cell_files_payload() -> None:
         True,
         "",
     )
+    turned = TRUE_PAYLOAD.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, 0.1)})
+    message = WrenchBench(with_calibration(demo_calibration(payload=turned))).settle()
+    assert message.mounting_rotation_rad == (0.0, 0.0, 0.1)
 
 
 def test_without_a_calibration_the_cell_file_is_its_name() -> None:

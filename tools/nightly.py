@@ -45,6 +45,7 @@ PARTS = {
     "chaos-network": Part("tests.chaos.network", 6),
     "chaos-flood": Part("tests.chaos.flood", 2),
     "chaos-clocks": Part("tests.chaos.clocks", 1),
+    "hazards": Part("tests.hazards --journal out/nightly/hazards.jsonl", 20),
     "soak": Part("tests.chaos.soak", 11),
     "soak-sensor": Part("bench.sensor_soak", 11),
     "hostile": Part("tools.hostile --up", 10),

@@ -4,7 +4,7 @@ import math
 import sys
 
 from forcemesh import Cell, ForcemeshError, NotReachedError
-from forcemesh.client.rotations import inverse, times, unit
+from forcemesh.client.rotations import inverse, times
 
 FORCE_N = 10.0
 NO_TORQUE_NM = 0.1
@@ -14,7 +14,7 @@ WITHIN_S = 30.0
 
 def main(cell: Cell) -> float:
     """Align and stop; return the rotation of the tool [degrees]."""
-    before = unit(cell.state().orientation_xyzw)
+    before = cell.state().orientation_xyzw
     cell.force.start(FORCE_N, mode="both")
     flat_since_s = math.inf
     try:
@@ -30,7 +30,7 @@ def main(cell: Cell) -> float:
             raise NotReachedError(f"the torque was not zero after {WITHIN_S:g} s")
     finally:
         cell.force.stop()
-    x, y, z, w = times(unit(cell.state().orientation_xyzw), inverse(before))
+    x, y, z, w = times(cell.state().orientation_xyzw, inverse(before))
     turned_deg = 2.0 * math.degrees(math.atan2(math.hypot(x, y, z), abs(w)))
     print(f"aligned, rotated by {turned_deg:.2f} degrees")
     return turned_deg

@@ -3,7 +3,7 @@
 import sys
 
 from forcemesh import Cell, ForcemeshError, NotReachedError
-from forcemesh.client.rotations import plus, rotate, unit
+from forcemesh.client.rotations import plus, rotate
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest
 
@@ -16,13 +16,13 @@ ALONG_TOOL = (False, False, True, False, False, False)
 def tcp(cell: Cell) -> Vec3:
     """Return the position of the TCP in base [m]."""
     state, lever = cell.state(), cell.info.T_flange_tcp.position_m
-    return plus(state.position_m, rotate(unit(state.orientation_xyzw), lever))
+    return plus(state.position_m, rotate(state.orientation_xyzw, lever))
 
 
 def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
     """Return the corners in the tool's plane, starting and ending at the present position."""
     q_flange_tool = cell.info.T_flange_tcp.orientation_xyzw
-    start, q_base_flange = tcp(cell), unit(cell.state().orientation_xyzw)
+    start, q_base_flange = tcp(cell), cell.state().orientation_xyzw
     corners = ((side_m, 0.0, 0.0), (side_m, side_m, 0.0), (0.0, side_m, 0.0), (0.0, 0.0, 0.0))
     return tuple(
         plus(start, rotate(q_base_flange, rotate(q_flange_tool, corner))) for corner in corners

@@ -12,7 +12,7 @@ from msgspec.structs import asdict
 
 from forcemesh.errors import MessageError, MisroutedError
 from forcemesh.messages import MAX_ITEMS, Message
-from forcemesh.records import Record
+from forcemesh.records import Record, normalise_rotations
 
 SCHEMA_VERSION = 3  # forcemesh/recorded_messages.py has the history
 MAX_BYTES = 4096
@@ -50,6 +50,7 @@ def encode(header: Header, message: Message) -> bytes:
     """Return the bytes of a header and a message. Raise MessageError when a value is wrong."""
     try:  # a constructor checks nothing
         checked = msgspec.msgpack.decode(_ENCODER.encode(message), type=type(message))
+        normalise_rotations(checked)
     except MISTAKES:
         checked = message.from_dict(message.as_dict())
     return pack(asdict(header) | asdict(checked))
@@ -65,7 +66,8 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
         try:
             header = msgspec.msgpack.decode(data, type=Header)
             if header.v == SCHEMA_VERSION and address in (None, header.topic):
-                return header, msgspec.msgpack.decode(data, type=message_type)
+                message = msgspec.msgpack.decode(data, type=message_type)
+                return header, normalise_rotations(message)
         except MISTAKES:
             pass
     fields = unpack(data)  # more slowly, with the field that is wrong

@@ -1,9 +1,9 @@
 """Messages of the bus: one class per message, one class per frame, units in the names.
 
 Every message that is published or received is well-formed: encoding and decoding check the type of
-every field and that every number is finite. A constructor checks nothing. A publisher without a
-valid result publishes `valid=False` with a reason at its usual rate: an idle service must differ
-from a dead one.
+every field, that every number is finite and every quaternion of unit length. A constructor checks
+nothing. A publisher without a valid result publishes `valid=False` with a reason at its usual rate:
+an idle service must differ from a dead one.
 
 Sign convention: a positive force or torque means that the environment pushes the robot.
 """
@@ -14,13 +14,16 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from forcemesh.patterns import LAW_NAME, NO_BREAK
-from forcemesh.records import Record
+from forcemesh.records import ROTATION, Record
 
 LARGEST = sys.float_info.max
 Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # neither infinite nor NaN
 Vec3 = tuple[Finite, Finite, Finite]
+FARTHEST_M = 100.0  # beyond any pose of an arm
+Coordinate = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
+Place = tuple[Coordinate, Coordinate, Coordinate]
 Joints = Annotated[tuple[Finite, ...], Meta(max_length=16)]  # one angle for each joint [rad]
-Quaternion = tuple[Finite, Finite, Finite, Finite]
+Quaternion = Annotated[tuple[Finite, Finite, Finite, Finite], ROTATION]
 Gain = Annotated[float, Meta(ge=0.0, le=LARGEST)]  # a negative gain would push instead of yield
 Gain3 = tuple[Gain, Gain, Gain]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
@@ -63,7 +66,7 @@ class Message(Record):
 class PoseRecord(Record):
     """Pose of a frame in base: position [m] and unit quaternion x, y, z, w."""
 
-    position_m: Vec3
+    position_m: Place
     orientation_xyzw: Quaternion
 
 

@@ -3,12 +3,12 @@
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
-from math import isfinite
-from typing import Annotated, Any, Literal, Self, dataclass_transform, get_args, get_origin
+from math import hypot, isfinite
+from typing import Annotated, Any, Literal, Self, TypeVar, dataclass_transform, get_args, get_origin
 
 import msgspec
 
-from forcemesh.errors import FieldError, MessageError, mistake_of
+from forcemesh.errors import DataError, FieldError, MessageError, mistake_of
 from forcemesh.patterns import LAW_NAME
 
 # msgspec's texts, such as "Expected `array` of length <= 16 - at `$.joint_rad`"
@@ -33,6 +33,12 @@ RULES = {  # the names of pydantic, whose texts are in forcemesh/validation_text
 }
 fields_of = cache(msgspec.structs.fields)  # a flood of wrong messages must not delay a loop
 
+ROTATION = msgspec.Meta(description="unit quaternion x, y, z, w: within 0.001, then normalised")
+UNIT_TOLERANCE = 1e-3  # of the length of a quaternion from outside: its rounding, not a mistake
+ROUNDING = 1e-12  # of the same: left as it is
+
+Four = tuple[float, float, float, float]
+
 
 class ByName(msgspec.StructMeta):
     """Type of the records: their fields are given by name."""
@@ -54,13 +60,14 @@ class Record(msgspec.Struct, metaclass=ByName, frozen=True):
             MessageError: A value is missing, of another type or outside its range.
         """
         try:
-            return msgspec.convert(values, cls)
+            record = msgspec.convert(values, cls)
         except UnicodeEncodeError as error:
             raise MessageError(f"{cls.__name__}: not a text: {error}") from error
         except msgspec.ValidationError as error:
             mistake = _first_mistake(cls, values, str(error))
             code = "not_finite" if mistake.kind == "finite_number" else "undecodable"
             raise MessageError(f"{cls.__name__}.{mistake.text}", code) from error
+        return normalise_rotations(record)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the values by field name, those of records within as well.
@@ -80,6 +87,73 @@ class Record(msgspec.Struct, metaclass=ByName, frozen=True):
     def replaced(self, **changes: Any) -> Self:
         """Return a copy with other values, which are not checked."""
         return msgspec.structs.replace(self, **changes)
+
+
+R = TypeVar("R", bound=Record)
+
+
+def checked_quaternion(q: Four) -> Four:
+    """Return a quaternion from outside, normalised. Raise DataError unless its length is 1 +- 1e-3.
+
+    Any other length is a mistake: zero is no rotation, and 2 or 1e-300 may be any number misread.
+    """
+    length = hypot(*q)
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise DataError(
+            f"the quaternion has length {length:.4g}, it must be 1 within {UNIT_TOLERANCE:g} "
+            "(order x y z w)"
+        )
+    if abs(length - 1.0) <= ROUNDING:
+        return q
+    x, y, z, w = q
+    return (x / length, y / length, z / length, w / length)
+
+
+def normalise_rotations(record: R, where: str = "") -> R:
+    """Return a decoded record after every rotation within it is checked and normalised in place.
+
+    Raises:
+        MessageError: A quaternion is not of unit length; names its field.
+    """
+    for name, is_rotation in _fields_with_rotations(type(record)):
+        value = getattr(record, name)
+        if value is None:
+            continue
+        if not is_rotation:
+            place = f"{where or type(record).__name__}.{name}"
+            for part in value if isinstance(value, tuple) else (value,):
+                normalise_rotations(part, place)
+            continue
+        try:
+            unit = checked_quaternion(value)
+        except DataError as error:
+            place = f"{where or type(record).__name__}.{name}"
+            raise MessageError(f"{place}: {error}") from None
+        if unit is not value:
+            msgspec.structs.force_setattr(record, name, unit)
+    return record
+
+
+@cache
+def _fields_with_rotations(kind: type[Record]) -> tuple[tuple[str, bool], ...]:
+    """Return the fields that hold a rotation: name, and whether it is one itself."""
+    held = [(field.name, field.type) for field in fields_of(kind) if _has_rotation(field.type)]
+    return tuple((name, ROTATION in _notes(part)) for name, part in held)
+
+
+def _has_rotation(kind: Any) -> bool:
+    if ROTATION in _notes(kind):
+        return True
+    if isinstance(kind, type) and issubclass(kind, Record):
+        return bool(_fields_with_rotations(kind))
+    return any(map(_has_rotation, get_args(kind)))
+
+
+def _notes(kind: Any) -> tuple[Any, ...]:
+    """Return the annotations of a type, or of an optional one."""
+    if type(None) in get_args(kind):
+        kind = next(part for part in get_args(kind) if part is not type(None))
+    return getattr(kind, "__metadata__", ())
 
 
 def _first_mistake(kind: Any, value: Any, error: str, where: tuple[Any, ...] = ()) -> FieldError:

@@ -1,11 +1,9 @@
 """Requests to a cell and their reply: one class per request of forcemesh/topics.py."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from forcemesh.errors import MessageError
 from forcemesh.messages import (
     ArmPurpose,
     Asker,
@@ -16,6 +14,7 @@ from forcemesh.messages import (
     Law,
     Message,
     Mode,
+    Place,
     PoseRecord,
     Preset,
     TaskFrame,
@@ -24,11 +23,7 @@ from forcemesh.messages import (
 from forcemesh.records import Record
 
 # Bounds beyond any real arm, tool or law: values above them are rejected on decoding.
-FARTHEST_M = 100.0
-LONGEST_QUATERNION = 1.01
 LARGEST_BETWEEN_RAD = 1.6  # between two poses of a path: a larger one has no clear direction
-Coordinate = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
-Place = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Meta(ge=-100.0, le=100.0)]  # [rad]
 Angles = Annotated[tuple[Angle, ...], Meta(min_length=1, max_length=16)]  # one for each joint
 ForceP = Annotated[float, Meta(ge=0.0, le=1.0)]  # [m/N]: the packet holds 0.001
@@ -72,14 +67,6 @@ class MoveRequest(Record):
     joint_rad: Angles | None = None
     speed_m_s: Annotated[float, Meta(gt=0.0, le=5.0)] | None = None
     commander: Asker = "operator"
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Reject numbers that no pose of an arm has as well."""
-        request = super().from_dict(values)
-        if request.pose is not None:
-            _check_pose("MoveRequest.pose", request.pose)
-        return request
 
 
 class SignalRequest(Record):
@@ -154,14 +141,6 @@ class PathRequest(Record):
     accel_m_s2: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.3
     in_contact: bool = True  # pause while there is no contact
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Reject numbers that no pose of an arm has as well."""
-        request = super().from_dict(values)
-        for number, each in enumerate(request.poses, start=1):
-            _check_pose(f"PathRequest.poses: pose {number}", each)
-        return request
-
 
 class GainsRequest(Record):
     """Request to set gains; omitted gains keep their values, or take those of the preset."""
@@ -220,12 +199,3 @@ class ServedRequest(Message):
     received_ns: int = 0  # when the role took it from its queue, before it was served
     reply: Reply | None = None
     skipped: int = 0  # requests since the last message that were served and not published
-
-
-def _check_pose(what: str, pose: PoseRecord) -> None:
-    """Raise MessageError for numbers that no pose of an arm has."""
-    farthest_m, quaternion = max(map(abs, pose.position_m)), pose.orientation_xyzw
-    if farthest_m > FARTHEST_M:
-        raise MessageError(f"{what}: a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m")
-    if max(map(abs, quaternion)) > LONGEST_QUATERNION:
-        raise MessageError(f"{what}: quaternion {quaternion} is longer than one")

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from common.motion.frames import Array, R_from_quaternion
 from forcemesh.errors import DataError
+from forcemesh.records import checked_quaternion
 
 WrenchAxes = Literal["sensor", "base"]
 
 BOTH_AXES: tuple[WrenchAxes, ...] = ("sensor", "base")
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "fx", "fy", "fz", "tx", "ty", "tz")
 HEADER_RULE = f"the header must be {','.join(COLUMNS)}"
-QUATERNION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,12 +141,11 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
             if len(cells) != len(header):
                 raise DataError(f"{location}{_ragged(header, cells)}")
             values = [_number(location, name, cells[place]) for name, place in places.items()]
-            length = math.hypot(*values[4:8])
-            if abs(length - 1.0) > QUATERNION_TOLERANCE:
-                raise DataError(
-                    f"{location}, columns qx to qw: the quaternion has length {length:.4f}; "
-                    "it must be 1 (order x y z w)"
-                )
+            try:
+                x, y, z, w = values[4:8]
+                values[4:8] = checked_quaternion((x, y, z, w))
+            except DataError as error:
+                raise DataError(f"{location}, columns qx to qw: {error}") from None
             yield reader.line_num, values
     except csv.Error as error:
         raise DataError(f"{path}, line {reader.line_num}: is not CSV text: {error}") from error

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from common.config.cell_terms import LARGEST_ANGLE_DEG
 from common.motion.frames import (
     Array,
     Oat,
@@ -120,4 +121,8 @@ def _numbers(
             raise DataError(f"{path}, row {number}: not {len(names)} numbers") from None
         if not all(isfinite(value) for value in values):
             raise DataError(f"{path}, row {number}: a number is not finite")
+        for name, value in zip(names, values, strict=True):
+            if name.endswith("_deg") and abs(value) > LARGEST_ANGLE_DEG:
+                text = f"{name} is {value:g}, the limit is {LARGEST_ANGLE_DEG:g} degrees"
+                raise DataError(f"{path}, row {number}: {text}")
         yield values

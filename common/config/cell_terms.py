@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] in the flange frame
-Angle = Annotated[float, Field(ge=-720.0, le=720.0)]  # [degrees]
+LARGEST_ANGLE_DEG = 720.0
+Angle = Annotated[float, Field(ge=-LARGEST_ANGLE_DEG, le=LARGEST_ANGLE_DEG)]  # [degrees]
 AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 

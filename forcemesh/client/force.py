@@ -300,5 +300,5 @@ class Force:
 def press_force_N(robot: RobotState, wrench: WrenchAtTcp, T_flange_tcp: PoseRecord) -> float:
     """Return the force along the tool's z axis [N], positive: the tool presses."""
     axis_in_flange = turning.rotate(T_flange_tcp.orientation_xyzw, (0.0, 0.0, 1.0))
-    axis = turning.rotate(turning.unit(robot.orientation_xyzw), axis_in_flange)
+    axis = turning.rotate(robot.orientation_xyzw, axis_in_flange)
     return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))

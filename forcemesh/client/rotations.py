@@ -73,13 +73,6 @@ def to_oat_deg(q: Quaternion) -> Vec3:
     return (math.degrees(o), math.degrees(a), math.degrees(t))
 
 
-def unit(q: Quaternion) -> Quaternion:
-    """Return a quaternion normalised to length one."""
-    length = math.sqrt(sum(part * part for part in q))
-    x, y, z, w = (part / length for part in q)
-    return (x, y, z, w)
-
-
 def jogged(
     flange: PoseRecord,
     tool: PoseRecord,
@@ -97,7 +90,7 @@ def jogged(
         turn_rad: Rotation vector about the same axes.
         in_tool_axes: Whether those axes are the tool's.
     """
-    q_base_flange = unit(flange.orientation_xyzw)
+    q_base_flange = flange.orientation_xyzw
     q_base_tool = times(q_base_flange, tool.orientation_xyzw)
     p_base_tool = plus(flange.position_m, rotate(q_base_flange, tool.position_m))
     rotation = from_rotation_vector(turn_rad)
@@ -107,6 +100,6 @@ def jogged(
     else:
         p_base_tool = plus(p_base_tool, shift_m)
         q_base_tool = times(rotation, q_base_tool)
-    q_new = unit(times(q_base_tool, inverse(tool.orientation_xyzw)))
+    q_new = times(q_base_tool, inverse(tool.orientation_xyzw))
     x, y, z = rotate(q_new, tool.position_m)
     return PoseRecord(position_m=plus(p_base_tool, (-x, -y, -z)), orientation_xyzw=q_new)

@@ -6,7 +6,6 @@ Pure. Each monitor receives every snapshot once, in order, with bounded memory.
 from math import dist, hypot, sin
 
 from common.config.cell import CellConfig
-from common.motion.frames import unit_quaternion
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
@@ -77,8 +76,7 @@ class RestWatch:
             return 0.0
         anchor = self._anchor
         if anchor is not None and not robot.status.moving:
-            turn = unit_quaternion(*anchor.orientation_xyzw)
-            x, y, z, w = unit_quaternion(*robot.orientation_xyzw)
+            turn, (x, y, z, w) = anchor.orientation_xyzw, robot.orientation_xyzw
             chord = min(dist(turn, (x, y, z, w)), dist(turn, (-x, -y, -z, -w)))
             # A pose that is not finite never rests: its comparisons are false.
             if dist(anchor.position_m, robot.position_m) <= REST_POSITION_M and chord <= REST_CHORD:

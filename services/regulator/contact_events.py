@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, vec3
-from common.motion.frames import cross, dot, is_finite_pose, plus, rotated, scaled
+from common.motion.frames import cross, dot, plus, rotated, scaled
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import (
@@ -144,8 +144,6 @@ class ContactTracker:
         if header.stamp_ns == self._at_ns:
             return None
         T = pose_of(arm) * self._T_flange_tcp
-        if not is_finite_pose(T):
-            return self._silent("invalid", "robot/state has no orientation: a quaternion of zeros")
         self._silent_steps, number = 0, self.event.number
         law, axis = pressing(session, T)
         sample = ContactInput(

@@ -1,6 +1,6 @@
 """Preconditions of a start of force feedback and of a path. Pure."""
 
-from math import degrees, hypot
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from services.regulator.task_request import complying
 from services.regulator.tcp_path import MOST_PATH_POINTS, TcpPath
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
-QUATERNION_NEAR = 0.01  # of the length of one: its rounding, not a mistake
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
 
 
@@ -161,8 +160,6 @@ def _refused_poses(
             "with axes held, such as --axes z=force:10"
         )
         return refusal("axes", text)
-    if text := _not_unit(request):
-        return refusal("setpoint", text)
     T_base_tcp = session.motion.T_base_tcp
     T_from = T_base_tcp if before is None else before.end(T_base_tcp)
     number, turn_rad = largest_turn(T_from, poses)
@@ -171,15 +168,6 @@ def _refused_poses(
         limit = LARGEST_BETWEEN_RAD
         return refusal("setpoint", text, value=turn_rad, limit=limit)
     return None
-
-
-def _not_unit(request: PathRequest) -> str:
-    """Return which quaternion is no rotation, empty if all are: scaled, it would turn the tool."""
-    for number, pose in enumerate(request.poses, start=1):
-        length = hypot(*pose.orientation_xyzw)
-        if abs(length - 1.0) > QUATERNION_NEAR:
-            return f"pose {number}: its quaternion has the length {length:.3g}, it must be one"
-    return ""
 
 
 def shares_path(session: ForceSession) -> bool:

@@ -8,7 +8,6 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import is_finite_pose
 from forcemesh import topics
 from forcemesh.bus import LONGEST_FAULT, Bus, Inbox, Origin, Reading
 from forcemesh.clock import NS_PER_S
@@ -103,8 +102,7 @@ class WrenchService:
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
         if robot.fresh is not self._report:  # each report is converted once
             self._report = robot.fresh
-            T = None if self._report is None else pose_of(self._report)
-            self._T_base_flange = T if T is not None and is_finite_pose(T) else None
+            self._T_base_flange = None if self._report is None else pose_of(self._report)
         was_valid = self._fault == NO_FAULT
         fault = self._take(sensor, robot.header)
         no_pose = self._T_base_flange is None or self._pairing.apart_s > self._apart_max_s
@@ -164,8 +162,6 @@ class WrenchService:
     def _pose_fault(self, robot: Reading[RobotState]) -> WrenchFault:
         if self._report is None:
             return WrenchFault(robot.code, robot.fault)
-        if self._T_base_flange is None:
-            return WrenchFault("invalid", "robot/state holds a quaternion of length zero")
         apart_ms, limit_ms = self._pairing.apart_s * 1e3, self._apart_max_s * 1e3
         text = f"wrench and pose are {apart_ms:.0f} ms apart, the limit is {limit_ms:.0f} ms"
         return WrenchFault("misaligned", text)

@@ -3,6 +3,7 @@
 import types
 from collections.abc import Iterator
 from functools import cache
+from math import hypot
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
@@ -10,10 +11,8 @@ from msgspec import Meta
 from msgspec.structs import asdict
 
 from forcemesh.codec import pack
-from forcemesh.messages import PoseRecord
 from forcemesh.patterns import NO_BREAK
-from forcemesh.records import Record
-from forcemesh.requests import FARTHEST_M
+from forcemesh.records import ROTATION, Record
 
 INT64 = (-(2**63), 2**63 - 1)
 LONGEST_TEXT = 30
@@ -22,18 +21,15 @@ Path = tuple[str | int, ...]
 
 @cache
 def records(record_type: type[Record]) -> st.SearchStrategy[Any]:
-    """Return the strategy of any record of a type; poses are valid for requests."""
-    if record_type is PoseRecord:
-        position = st.tuples(*[st.floats(-FARTHEST_M, FARTHEST_M)] * 3)
-        return st.builds(
-            PoseRecord, position_m=position, orientation_xyzw=st.tuples(*[st.floats(-1.0, 1.0)] * 4)
-        )
+    """Return the strategy of any record of a type; its rotations are unit quaternions."""
     hints = get_type_hints(record_type, include_extras=True)
     return st.builds(record_type, **{name: _values(kind) for name, kind in hints.items()})
 
 
 def _values(annotation: Any, bounds: Meta | None = None) -> st.SearchStrategy[Any]:
     origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Annotated and args[1] is ROTATION:
+        return st.tuples(*[st.floats(-1.0, 1.0)] * 4).map(_normalised)
     if origin is Annotated:
         return _values(*args)
     if origin in (Union, types.UnionType):
@@ -50,6 +46,12 @@ def _values(annotation: Any, bounds: Meta | None = None) -> st.SearchStrategy[An
     if isinstance(annotation, type) and issubclass(annotation, Record):
         return records(annotation)
     return _scalars(annotation, bounds or Meta())
+
+
+def _normalised(q: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a unit quaternion; the half turn about x of numbers without a direction."""
+    length = hypot(*q)
+    return tuple(part / length for part in q) if length > 1e-9 else (1.0, 0.0, 0.0, 0.0)
 
 
 def _scalars(annotation: Any, bounds: Meta) -> st.SearchStrategy[Any]:

@@ -129,6 +129,56 @@ def test_a_number_that_is_not_finite_is_refused_everywhere(record_type: type[Rec
                 read(msgpack.packb(put(fields, path, bad)), record_type)
 
 
+def rotations(record_type: type[Record]) -> list[tuple[str | int, ...]]:
+    """Return the places of all rotations of a record, at any depth: four numbers each."""
+    found = places(spelled_out(record_type))
+    four = [(path, value) for path, value in found if isinstance(value, tuple) and len(value) == 4]
+    return [path for path, value in four if all(isinstance(part, float) for part in value)]
+
+
+TURNING = [record_type for record_type in EVERYTHING if rotations(record_type)]
+NO_ROTATIONS = [
+    (0.0, 0.0, 0.0, 0.0),
+    (5e-324, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 2.0),
+    (0.0, 0.0, 0.9989, 0.0),
+    (0.0, -1.0011, 0.0, 0.0),
+    (0.5, 0.5, 0.5, 0.54),
+    (1e308, 1e308, 1e308, 1e308),
+]
+
+
+def test_every_record_that_carries_a_rotation_is_found() -> None:
+    """The walk over the types finds at least those that exist; a new one is found by itself."""
+    known = {m.RobotState, m.RobotCommand, m.RegulatorTarget}
+    assert set(TURNING) >= known | {q.MoveRequest, q.PathRequest, q.ForceStartRequest}
+
+
+@pytest.mark.parametrize("record_type", TURNING)
+def test_a_quaternion_that_is_not_of_unit_length_is_refused_everywhere(
+    record_type: type[Record],
+) -> None:
+    """Swept: read from bytes and published; the text names the field and the length found."""
+    fields = spelled_out(record_type)
+    for path in rotations(record_type):
+        for bad in NO_ROTATIONS:
+            wrong = put(fields, path, bad)
+            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion has length "):
+                read(msgpack.packb(wrong), record_type)
+            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion has length "):
+                write(constructed(record_type, put(full(record_type), path, bad)))
+
+
+@pytest.mark.parametrize("record_type", TURNING)
+def test_a_rounded_quaternion_is_normalised_everywhere(record_type: type[Record]) -> None:
+    """Three digits are a rotation; later arithmetic meets unit quaternions only."""
+    for path in rotations(record_type):
+        rounded = put(spelled_out(record_type), path, (0.0, 0.6005, 0.0, 0.8))
+        values = dict(places(read(msgpack.packb(rounded), record_type).as_dict()))
+        assert math.hypot(*values[path]) == pytest.approx(1.0, abs=1e-15)
+        assert values[path][1] / values[path][3] == pytest.approx(0.6005 / 0.8, rel=1e-15)
+
+
 @each_type
 def test_a_number_that_is_not_finite_cannot_be_encoded(record_type: type[Record]) -> None:
     """The writer is stopped before the reader, although a constructor checks nothing."""

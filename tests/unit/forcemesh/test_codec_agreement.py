@@ -16,8 +16,8 @@ from forcemesh.codec import SCHEMA_VERSION, Header, Version
 from forcemesh.errors import MessageError
 from forcemesh.messages import MAX_ITEMS
 from forcemesh.patterns import NO_BREAK
-from forcemesh.records import Record
-from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
+from forcemesh.records import ROTATION, Record
+from forcemesh.requests import ForceStartRequest
 from tests.fakes.records import places, put
 from tests.unit.forcemesh.test_codec import anything, each_type, read, spelled_out
 
@@ -58,6 +58,8 @@ odd: st.SearchStrategy[Any] = anything | st.sampled_from(
 def fits(value: Any, kind: Any, bounds: Meta | None = None) -> bool:
     """Return whether plain data is of a type and within its bounds, nothing converted."""
     origin, args = get_origin(kind), get_args(kind)
+    if origin is Annotated and args[1] is ROTATION:
+        return fits(value, args[0]) and abs(math.hypot(*value) - 1.0) <= 1e-3
     if origin is Annotated:
         return fits(value, *args)
     if origin in (Union, types.UnionType):
@@ -102,17 +104,7 @@ def fits_record(fields: dict[str, Any], kind: type[Record]) -> bool:
     hints = get_type_hints(kind, include_extras=True)
     needed = {field.name for field in structs.fields(kind) if field.required}
     known = {name: value for name, value in fields.items() if name in hints}
-    if needed - known.keys() or not all(fits(value, hints[n]) for n, value in known.items()):
-        return False
-    poses = [known.get("pose")] if kind is MoveRequest else known.get("poses", ())
-    return kind not in {MoveRequest, PathRequest} or all(
-        pose is None
-        or (
-            max(map(abs, pose["position_m"])) <= 100.0
-            and max(map(abs, pose["orientation_xyzw"])) <= 1.01
-        )
-        for pose in poses
-    )
+    return not needed - known.keys() and all(fits(value, hints[n]) for n, value in known.items())
 
 
 def known(value: Any, kind: Any) -> Any:

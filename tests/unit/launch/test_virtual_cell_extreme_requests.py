@@ -17,7 +17,7 @@ from common.bus.memory_bus import MemoryCall
 from common.config.calibration import CalibrationSection
 from common.motion.limits import Limits
 from forcemesh import topics
-from forcemesh.codec import decode_record, encode_record
+from forcemesh.codec import SCHEMA_VERSION, decode_record, encode_record, pack
 from forcemesh.messages import OPERATIONAL
 from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
 from tests.fakes.bench import CELL
@@ -168,6 +168,22 @@ def test_an_impossible_calibration_is_refused(path: tuple[str, ...], value: Any)
     assert len(reply.text) < LONGEST_SENTENCE
     lab.cell.advance(0.05)
     assert lab.now(lab.wrench).valid
+
+
+@pytest.mark.parametrize("w", [0.0, 1e-310, 2.0])
+def test_a_task_frame_whose_quaternion_is_no_rotation_is_refused(w: float) -> None:
+    """Zero, denormal, twice too long: `malformed` names the field, and nothing starts to press."""
+    lab = Lab()
+    pose = {"position_m": (0.0, 0.5, 0.3), "orientation_xyzw": (0.0, 0.0, 0.0, w)}
+    axes: tuple[dict[str, Any], ...] = ({}, {}, {"control": "force", "setpoint": 20.0}, {}, {}, {})
+    task = {"frame": "pose", "pose": pose, "axes": axes}
+    call = send(lab, topics.FORCE_START.key, pack({"v": SCHEMA_VERSION, "task": task}))
+    lab.cell.advance(2 * EVERY_S)
+    assert call.reply is not None
+    reply = decode_record(call.reply, Reply)
+    assert (reply.accepted, reply.code) == (False, "malformed")
+    assert "ForceStartRequest.task.pose.orientation_xyzw: the quaternion has length" in reply.text
+    lab.assert_still(0.1)
 
 
 def test_a_point_outside_the_workspace_is_refused() -> None:

@@ -78,6 +78,20 @@ def test_an_error_in_a_file_is_reported_with_its_name(tmp_path: Path, text, prob
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("angle", "is_read"), [("720", True), ("-720.01", False), ("1e300", False)]
+)
+def test_an_angle_is_within_two_turns(tmp_path: Path, angle: str, is_read: bool) -> None:
+    """As in a cell file: a larger number is not an angle of the pendant."""
+    path = tmp_path / "path.csv"
+    path.write_text(f"x_mm,y_mm,z_mm,o_deg,a_deg,t_deg\n1,2,3,0,{angle},0\n")
+    if is_read:
+        assert len(read_poses(path)) == 1
+    else:
+        with pytest.raises(DataError, match=r"row 2: a_deg is .*, the limit is 720 degrees"):
+            read_poses(path)
+
+
 def test_a_missing_file_and_one_that_is_no_text_are_refused(tmp_path: Path) -> None:
     """Each error is one sentence and not an internal error."""
     with pytest.raises(DataError, match="cannot be read: No such file"):

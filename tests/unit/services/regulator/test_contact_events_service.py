@@ -121,14 +121,6 @@ def test_a_wrench_that_is_not_calibrated_is_no_input(bench: ContactBench) -> Non
     assert event.reason == "residual 4 N"
 
 
-def test_a_pose_without_orientation_is_no_input(bench: ContactBench) -> None:
-    """A quaternion of zeros has no meaning: the state is unknown, and every number finite."""
-    bench.robot = bench.robot.replaced(orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
-    event = bench.after_step(topics.CONTACT)
-    assert (event.state, event.valid, event.code) == ("unknown", False, "invalid")
-    assert "quaternion of zeros" in event.reason
-
-
 def test_a_replay_continues_the_contact_of_before() -> None:
     """Number, state and time of the next message follow the last one."""
     last = ContactEvent(number=7, state="free", since_ns=3_000_000_000, duration_s=0.5, slid_m=0.1)

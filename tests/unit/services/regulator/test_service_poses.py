@@ -215,10 +215,6 @@ def test_paths_that_cannot_be_followed_are_refused_by_name() -> None:
     first, *_, last = bench.arc(0.3)
     turned = record_of(pose_of(first) * pin.SE3(pin.utils.rotate("x", 2.0), np.zeros(3)))
     assert "pose 2 is turned by" in refused(bench, poses=(first, turned))
-    for w, length in ((0.0, "0"), (0.98, "0.98")):
-        short = first.replaced(orientation_xyzw=(0.0, 0.0, 0.0, w))
-        wrong = refused(bench, poses=(first, short))
-        assert wrong == f"setpoint: pose 2: its quaternion has the length {length}, it must be one"
     far = first.replaced(position_m=(5.0, 0.0, 0.0))
     assert refused(bench, poses=(first, far)).startswith("workspace: point 2: ")
     x, y, z = bench.p_tcp_m.tolist()
@@ -246,8 +242,7 @@ def record(x_m: float, w: float) -> dict[str, list[float]]:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"poses": [record(200.0, 1.0)]}, "beyond 100 m"),
-        ({"poses": [record(0.0, 2.0)]}, "longer than one"),
+        ({"poses": [record(200.0, 1.0)]}, "position_m.0: must be at most 100"),
         ({"blend_m": -1.0}, "blend_m"),
     ],
 )

@@ -1,5 +1,7 @@
 """The wrench service on the bus: its messages, and the conditions for "not valid"."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.messages import RobotState
 from tests.fakes.bench import CELL
+from tests.fakes.records import encode_unchecked
 from tests.fakes.wrench_bench import DOWN, REPORT_S, SENSOR_S, WrenchBench
 
 FAULT_HOLD_STEPS = round(REPORT_S / SENSOR_S)
@@ -116,13 +119,14 @@ def test_an_invalid_sample_makes_no_wrench(bench: WrenchBench, changes, code, re
 
 
 def test_a_robot_without_an_orientation_makes_no_wrench(bench: WrenchBench) -> None:
-    """The reason names the topic of a zero quaternion; the service continues."""
+    """The reason names topic and field of a zero quaternion; the service continues."""
     bench.settle()
     bench.silent = {"robot"}
-    bench.put(topics.ROBOT_STATE, RobotState(orientation_xyzw=(0.0, 0.0, 0.0, 0.0)))
+    with patch("forcemesh.bus.encode", encode_unchecked):  # another program's
+        bench.put(topics.ROBOT_STATE, RobotState(orientation_xyzw=(0.0, 0.0, 0.0, 0.0)))
     bench.step(2)
     assert not bench.published().valid
-    assert "robot/state" in bench.published().reason
+    assert "robot/state unreadable: RobotState.orientation_xyzw" in bench.published().reason
 
 
 def test_after_a_gap_the_filter_restarts(bench: WrenchBench) -> None:

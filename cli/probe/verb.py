@@ -200,17 +200,13 @@ def save_probe(path: Path, file: "ProbeFile") -> None:
     import yaml
 
     from cli.calibration.output_files import back_up
-    from forcemesh.errors import DataError
+    from common.config.state_file import replace_file
 
     tree = file.model_dump(mode="json")
     for result in tree["results"].values():
         for name in ("unit", "why"):
             if not result[name]:
                 del result[name]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        back_up(path)
-        text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
-        path.write_text(HEAD + text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+    back_up(path)
+    text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
+    replace_file(path, HEAD + text)

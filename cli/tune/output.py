@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cli.calibration.output_files import back_up
+from common.config.state_file import replace_file
 from cli.tune.measure import Readings
 from common.config.cell import CellConfig
 from forcemesh.errors import DataError
@@ -99,12 +100,8 @@ def _verdict(rated: RatedGain) -> str:
 
 def save_sections(path: Path, sections: dict[str, dict[str, float]]) -> None:
     """Write the file; a previous one is kept as `.before`. Raises DataError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        back_up(path)
-        path.write_text(HEAD + _yaml(sections), encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+    back_up(path)
+    replace_file(path, HEAD + _yaml(sections))
 
 
 def _yaml(sections: dict[str, dict[str, float]]) -> str:

@@ -13,8 +13,8 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
+from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
-from forcemesh.errors import DataError
 
 REVISION_CHARS = 8
 
@@ -65,10 +65,4 @@ class CalibrationSection(ConfigSection):
         text = "# Written by forcemesh calibrate. SI units; payload in sensor axes.\n"
         tree = self.model_dump(mode="json", exclude_none=True)
         text += yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            unfinished = path.with_name(f".{path.name}.new")
-            unfinished.write_text(text, encoding="utf-8")
-            unfinished.replace(path)  # atomic
-        except OSError as error:
-            raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+        replace_file(path, text)

@@ -17,8 +17,9 @@ import yaml
 from pydantic import Field
 
 from common.config.load import CALIBRATION, PROBE, TUNING, named_file, read_probe, value_at
+from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
-from forcemesh.errors import ConfigError, DataError
+from forcemesh.errors import ConfigError
 from forcemesh.yaml_file import read_yaml, validated
 
 PROGRAMS = Path(__file__).resolve().parents[2] / "controller"
@@ -77,10 +78,7 @@ def save_evidence(cell_file: Path, evidence: BringupEvidence) -> None:
     """Write the evidence of a cell. Raises DataError."""
     path = evidence_file(cell_file)
     tree = evidence.model_dump(mode="json", exclude_defaults=True) | {"bringup": evidence.bringup}
-    try:
-        path.write_text(HEAD + yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+    replace_file(path, HEAD + yaml.safe_dump(tree, sort_keys=False, width=100))
 
 
 def ladder(cell_file: Path, evidence: BringupEvidence) -> list[LadderRow]:

@@ -13,6 +13,7 @@ import yaml
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from common.config.cell_terms import AxisGain
+from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import DataError, first_mistake
 from forcemesh.messages import Vec3
@@ -102,10 +103,7 @@ def save(payload: Payload, path: Path) -> None:
     data = payload.model_dump(mode="json", exclude_none=True, exclude={"accept_uncalibrated"})
     text = "# forcemesh payload: kg, m, N, Nm, rad; sensor axes, from the sensor origin\n"
     text += yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+    replace_file(path, text)
 
 
 def load(path: Path) -> Payload:

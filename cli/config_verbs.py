@@ -95,7 +95,7 @@ def init(
         exit_with_error(f"{out} exists already: choose another name")
     text = (FOLDER / TEMPLATES[kind]).read_text(encoding="utf-8")
     for key, value in (("cell", name), ("calibration", f"{name}-calibration.yaml")):
-        text = re.sub(rf"^{key}:.*$", f"{key}: {value}", text, flags=re.MULTILINE)
+        text = re.sub(rf"^{key}: (?!none$).*$", f"{key}: {value}", text, flags=re.MULTILINE)
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -60,7 +60,7 @@ def pixels(figure: Figure) -> Array:
 
 def main() -> None:
     """Write the picture."""
-    found = calibrated(load_cell(ROOT / "cells" / "demo.yaml", {"calibration": None}))
+    found = calibrated(load_cell(ROOT / "cells" / "demo.yaml"))
     drawn = [pixels(draw(found)) for draw in (residual_bars, before_after, attitudes)]
     imsave(OUT, np.ascontiguousarray(np.vstack(drawn)))
     print(f"{OUT.relative_to(ROOT)}: {found.verdict.text}")

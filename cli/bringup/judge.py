@@ -16,6 +16,7 @@ from typer import echo
 from cli.context import NOT_WELL, OK
 from cli.doctor.checks import ReportLine
 from cli.doctor.verb import print_lines
+from common.config.calibration import CalibrationSection
 from common.config.evidence import MONITOR_SPEED, named_files
 from common.config.load import load_cell, read_probe
 from forcemesh.yaml_file import read_yaml
@@ -181,7 +182,7 @@ def judge_calibration(cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement
     """Keep the mass that was found."""
     why = by_exit_code(cell_file, outcomes).why
     calibration = None if why else load_cell(cell_file).calibration
-    if calibration is None:
+    if not isinstance(calibration, CalibrationSection):
         return Judgement(why or "it passed, but the cell file's calibration is not there")
     return Judgement("", _rounded({"mass_kg": calibration.payload.mass_kg}))
 

@@ -33,7 +33,8 @@ class OutputFiles:
 def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputFiles:
     """Return the paths of this cell's calibration.
 
-    The path in the cell file; else `calibration/<cell>.yaml` in the current folder.
+    The path in the cell file; else `<cell>.yaml` in the folder `calibration` next to the folder of
+    the cell file, which a container can write, or in that of the current folder.
     Raises ConfigError when the cell file cannot be read.
     """
     named = named_file(cell_file, CALIBRATION)
@@ -41,8 +42,9 @@ def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputF
     if named is not None and (out is None or named.resolve() == out.resolve()):
         return OutputFiles(named)
     if out is None:
-        out = Path("calibration") / f"{cell.cell}.yaml"
-    shown = os.path.relpath(out, cell_file.parent)
+        folder = cell_file.resolve().parent.parent / "calibration"
+        out = (folder if folder.is_dir() else Path("calibration")) / f"{cell.cell}.yaml"
+    shown = os.path.relpath(out.resolve(), cell_file.resolve().parent)
     return OutputFiles(out, f"set `calibration: {shown}` in {cell_file} to use it")
 
 

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
+from common.config.calibration import CalibrationSection
 from common.config.cell import CellConfig, SensorSection
 from common.runtime.realtime import PRIORITY
 from forcemesh.messages import Health
@@ -22,7 +23,7 @@ from forcemesh.zenoh_settings import endpoint_of
 from services.sensor.driver_registry import unknown_driver
 from services.sensor.rdt import RdtCommand, RdtRecord, parse, request
 from services.sensor.rdt_status import is_good, status_text
-from services.wrench.active_calibration import active_calibration
+from services.wrench.active_calibration import active_calibration, initial_calibration
 
 PACKAGES = ("eclipse-zenoh", "msgpack", "msgspec", "numpy", "pin", "pydantic")
 PROBE_SLEEPS = 50
@@ -116,12 +117,12 @@ def check_ports(in_use: dict[str, bool], *, is_up: bool) -> ReportLine:
 def check_calibration(cell: "CellConfig", now: dt.datetime) -> ReportLine:
     """Check whether payload and bias are known, match this tool, and are recent."""
     found = cell.calibration
-    if found is None:
+    if not isinstance(found, CalibrationSection):
+        if objection := initial_calibration(cell).objection:
+            return finding("calibration", "FAIL", objection, "calibration")
         if cell.payload.weighs:
             return passed("calibration", f"the cell file's payload, {cell.payload.mass_kg:g} kg")
-        if cell.payload.accept_uncalibrated:
-            return finding("calibration", "WARN", "none, and the cell accepts that", "calibration")
-        return finding("calibration", "FAIL", "none, and the payload is zero", "calibration")
+        return finding("calibration", "WARN", "none, and the cell accepts that", "calibration")
     days = (now - found.made_at).days
     text = f"revision {found.revision}, {days} days old, tool {found.tool or 'without a name'}"
     if objection := active_calibration(found, cell).objection:

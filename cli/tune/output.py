@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cli.calibration.output_files import back_up
-from common.config.state_file import replace_file
 from cli.tune.measure import Readings
 from common.config.cell import CellConfig
+from common.config.state_file import replace_file
 from forcemesh.errors import DataError
 from tuning.advice import Advice, MeasuredCell, RatedGain, refusal_reason, remarks
 from tuning.margins import frequencies, release_response, response

@@ -66,3 +66,9 @@ class CalibrationSection(ConfigSection):
         tree = self.model_dump(mode="json", exclude_none=True)
         text += yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
         replace_file(path, text)
+
+
+# Calibration of a cell: `none` when its file states that it works with its section `payload`, and
+# None where the file that it names is not there, or where it names none.
+CellCalibration = CalibrationSection | Literal["none"] | None
+NO_FILE: Literal["none"] = "none"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from common.config.arm import UNKNOWN_ARM, RobotSection, arm_names
-from common.config.calibration import CalibrationSection
+from common.config.calibration import CalibrationSection, CellCalibration
 from common.config.cell_helpers import PanelSection, RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Fraction, FrameSection, Positive
@@ -276,7 +276,7 @@ class CellConfig(ConfigSection):
     tool: ToolSection
     payload: Payload  # used until a calibration exists
     # In the file: the name of a calibration file next to it, written by `forcemesh calibrate`.
-    calibration: CalibrationSection | None = None
+    calibration: CellCalibration = None
     filter: FilterSection = FilterSection()
     contact: ContactSection
     force: ForceSection = ForceSection()
@@ -358,7 +358,7 @@ class CellConfig(ConfigSection):
     @model_validator(mode="after")
     def _sensor_carries_its_numbers(self) -> "CellConfig":
         payloads = [("payload", self.payload)]
-        if self.calibration is not None:
+        if isinstance(self.calibration, CalibrationSection):
             payloads.append(("calibration.payload", self.calibration.payload))
         for where, payload in payloads:
             for name, bias, most in (

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from common.config.calibration import NO_FILE, CalibrationSection
 from common.config.cell import CellConfig
 from common.config.probe import ProbeFile
 from forcemesh.errors import ConfigError
@@ -54,8 +55,8 @@ def load_cell(
         _take_tuning(tree, path, source)
         for dotted, value in (overrides or {}).items():
             _set(tree, dotted, value, source)
-        if (calibration := _named(tree, path, CALIBRATION)) is not None:
-            tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
+        if (file := _named(tree, path, CALIBRATION)) is not None:
+            tree[CALIBRATION] = _read_calibration(file) if file.exists() else None
     return cell_from_tree(tree, source)
 
 
@@ -87,7 +88,7 @@ def value_at(tree: Any, dotted: str) -> Any:
 
 def _named(tree: Any, path: Path, key: str) -> Path | None:
     name = value_at(tree, key)
-    return path.parent / name if isinstance(name, str) else None
+    return path.parent / name if isinstance(name, str) and name != NO_FILE else None
 
 
 def _followed(path: Path) -> Path:
@@ -98,7 +99,7 @@ def _drop_files(tree: dict[str, Any]) -> None:
     for key in (CALIBRATION, PROBE, TUNING):
         *section, name = key.split(".")
         values = value_at(tree, section[0]) if section else tree
-        if isinstance(values, dict):
+        if isinstance(values, dict) and values.get(name) != NO_FILE:
             values.pop(name, None)
 
 
@@ -159,6 +160,16 @@ def cell_from_tree(tree: object, source: str) -> CellConfig:
     if isinstance(tree, dict):
         for old, new in RENAMED.items():
             _take_renamed(tree, old, new, source)
+        found = tree.get(CALIBRATION)
+        if isinstance(found, dict):  # of a dump
+            try:
+                tree = {**tree, CALIBRATION: validated(CalibrationSection, found, source)}
+            except ConfigError as error:
+                mistakes = [f"{CALIBRATION}.{what}" for what in error.mistakes]
+                raise ConfigError(source, mistakes) from None
+        elif found not in (None, NO_FILE) and not isinstance(found, CalibrationSection):
+            mistake = f"{CALIBRATION}: must be a path or `{NO_FILE}`, found {found!r}"
+            raise ConfigError(source, [mistake])
     return validated(CellConfig, tree, source)
 
 
@@ -197,13 +208,15 @@ def dump_cell(cell: CellConfig) -> str:
     return text
 
 
-def _read_calibration(path: Path) -> Any:
+def _read_calibration(path: Path) -> CalibrationSection:
     source = str(path.resolve())
     try:
-        return read_yaml(path, source)
+        tree = read_yaml(path, source)
+        return validated(CalibrationSection, tree, source)
     except ConfigError as error:
         remedy = "move the file away, start the cell and calibrate"
-        raise ConfigError(source, [f"{what}; {remedy}" for what in error.mistakes]) from error
+        *mistakes, last = error.mistakes
+        raise ConfigError(source, [*mistakes, f"{last}; {remedy}"]) from error
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:

@@ -1,4 +1,4 @@
-"""Replacement of a file as a whole: after a kill or a power cut it is the old one or the new one."""
+"""Replacement of a file as a whole: after a kill or a power cut it is the old or the new one."""
 
 import os
 from contextlib import suppress

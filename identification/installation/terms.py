@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from common.config.calibration import CalibrationSection
 from common.config.cell import CellConfig
 from common.config.payload import DOWN
 from common.motion.frames import Array
@@ -42,7 +43,8 @@ class ExpectedInstallation:
     @classmethod
     def of(cls, cell: CellConfig) -> "ExpectedInstallation":
         """Return the expected installation of a cell, its calibration included."""
-        payload = cell.payload if cell.calibration is None else cell.calibration.payload
+        found = cell.calibration
+        payload = found.payload if isinstance(found, CalibrationSection) else cell.payload
         sensor, tcp = cell.sensor.T_flange_sensor, cell.tool.T_flange_tcp
         return cls(
             mass_kg=payload.mass_kg if payload.mass_kg > 0.0 else None,

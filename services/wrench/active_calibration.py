@@ -5,7 +5,7 @@ from math import degrees
 
 from pydantic import ValidationError
 
-from common.config.calibration import CalibrationSection
+from common.config.calibration import NO_FILE, CalibrationSection
 from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
@@ -15,6 +15,10 @@ from forcemesh.errors import DataError, first_mistake
 SAME_M, SAME_DEG = 1e-4, 0.1  # tolerance for a pose that was typed again
 HEAVIER = 1.1  # times `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
 OF_THE_CELL_FILE = "cell file"
+CALIBRATE_FIRST = (
+    "calibrate first: the cell file names no calibration file, or the named one is not there; run "
+    "`forcemesh calibrate`, or set `calibration: none` if its section payload is right"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +47,15 @@ class ActiveCalibration:
 
 
 def initial_calibration(cell: CellConfig) -> ActiveCalibration:
-    """Return the initial calibration of a cell: stored, or the payload of the cell file."""
-    if cell.calibration is not None:
+    """Return the initial calibration of a cell: stored, or the payload of the cell file.
+
+    The payload is valid only in a cell that states `calibration: none`.
+    """
+    if isinstance(cell.calibration, CalibrationSection):
         return active_calibration(cell.calibration, cell)
     section = cell.payload
-    objection = ""
-    if not section.weighs and not section.accept_uncalibrated:
+    objection = "" if cell.calibration == NO_FILE else CALIBRATE_FIRST
+    if not objection and not section.weighs and not section.accept_uncalibrated:
         objection = (
             "payload.mass_kg and payload.com_m are zero: the tool's weight would read as contact; "
             "run `forcemesh calibrate`"

@@ -4,6 +4,7 @@ One cell serves all tests; each begins with an arm at rest that is not armed. Ev
 page is recorded, and must have stayed on this machine.
 """
 
+import datetime as dt
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -12,6 +13,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from common.bus.configured_cell import ConfiguredCell
+from common.config.calibration import CalibrationSection, Residuals
 from common.config.load import dump_cell, load_cell
 from forcemesh.errors import ForcemeshError
 from tests.browser.rig import ROOT, SPARE, Cockpit, answers, running, wait_until
@@ -47,8 +49,22 @@ def cell_file(tmp_path_factory) -> Path:
         "force.approach_m_s": 0.005,
     }
     path = folder / "cell.yaml"
-    text = dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides))
+    cell = load_cell(ROOT / "cells" / "demo.yaml", overrides | {"calibration": None})
+    text = dump_cell(cell)
     path.write_text(text + f"calibration: {folder / 'made.yaml'}\n", encoding="utf-8")
+    left = Residuals(
+        poses=1, force_mean_N=0.0, force_max_N=0.0, torque_mean_Nm=0.0, torque_max_Nm=0.0
+    )
+    CalibrationSection(
+        cell=cell.cell,
+        made_at=dt.datetime.now(dt.UTC),
+        method="manual",
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        T_flange_sensor=cell.sensor.T_flange_sensor,
+        fit=left,
+        verified=left,
+        payload=cell.payload,
+    ).save(folder / "made.yaml")
     return path
 
 

@@ -25,7 +25,7 @@ FAST: dict[str, Any] = {"poses": 6, "verify_poses": 2, "speed_m_s": 0.8, "dwell_
 
 def demo_cell(**overrides: Any) -> CellConfig:
     """Return the demo's cell without any calibration."""
-    return load_cell(DEMO, {"calibration": None, **overrides})
+    return load_cell(DEMO, overrides)
 
 
 @cache

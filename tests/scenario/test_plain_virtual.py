@@ -21,7 +21,7 @@ class PlainWorld:
     """The cell of cells/demo-plain.yaml, armed."""
 
     def __init__(self) -> None:
-        self.world = VirtualCell(load_cell(CELL, {"calibration": None}))
+        self.world = VirtualCell(load_cell(CELL))
         self.client = self.world.client
         self._robot = self.client.reader(topics.ROBOT_STATE)
         self.world.advance(3.0)

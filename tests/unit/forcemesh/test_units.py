@@ -32,7 +32,7 @@ PAYLOAD = Payload(
 
 def whole(path: Path) -> dict[str, Any]:
     """Return a cell file with every default written out."""
-    tree: dict[str, Any] = yaml.safe_load(dump_cell(load_cell(path, {"calibration": None})))
+    tree: dict[str, Any] = yaml.safe_load(dump_cell(load_cell(path)))
     return tree
 
 

@@ -139,7 +139,8 @@ def test_an_unreadable_calibration_does_not_prevent_the_use_of_a_cell(
 ) -> None:
     """It is reported, and the cell is loaded without it."""
     path, calibration = tmp_path / "cell.yaml", tmp_path / "calibration.yaml"
-    path.write_text(dump_cell(CELL) + "calibration: calibration.yaml\n")
+    text = dump_cell(CELL.model_copy(update={"calibration": None}))
+    path.write_text(f"{text}calibration: calibration.yaml\n")
     calibration.write_text("x: [")
     assert live_cell(path).calibration is None
     assert "calibration.yaml" in capsys.readouterr().err

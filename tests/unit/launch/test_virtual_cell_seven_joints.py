@@ -19,7 +19,7 @@ SETTLED_N, SETTLED_NM = 1.0, 0.1
 @pytest.fixture(scope="module")
 def lab() -> Lab:
     """The armed cell over a tilted plate."""
-    return Lab(load_cell(PANDA, {"calibration": None, "sim.tilt_deg": 5.0}))
+    return Lab(load_cell(PANDA, {"sim.tilt_deg": 5.0}))
 
 
 def test_seven_joints_are_reported_and_moved(lab: Lab) -> None:

@@ -217,7 +217,7 @@ def test_evidence_that_cannot_be_written_is_refused_before_a_step(
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "write_text", refuse)
+    monkeypatch.setattr(Path, "replace", refuse)
     done = run("bringup", "--yes", "--cell", lab.file)
     assert done.exit_code == USAGE
     assert "lab.bringup.yaml: cannot be written: Permission denied" in done.output

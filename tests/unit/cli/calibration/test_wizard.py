@@ -286,7 +286,7 @@ def test_an_arm_in_use_by_another_client_is_not_moved():
 @pytest.mark.long
 def test_a_pose_that_the_controller_refuses_is_replaced():
     """Over the gateway: the controller's joint limit is narrower than that of the cell file."""
-    cell = load_cell(DEMO.with_name("demo-tcp.yaml"), {"calibration": None})
+    cell = load_cell(DEMO.with_name("demo-tcp.yaml"))
     lab = CalibrationLab(cell)
     lab.world.advance(0.8)  # the gateway greets the controller first
     plan = lab.plan(**FEW, speed_m_s=0.25)

@@ -120,7 +120,9 @@ def test_a_listener_on_the_port_of_the_hub_is_detected() -> None:
 
 def test_a_calibration_is_judged_by_tool_and_age() -> None:
     """Cases: none, the cell file's own numbers, a recent one, an old one, another tool."""
-    assert judged(check_calibration(REAL, NOW)) == ("FAIL", True)
+    missing = check_calibration(REAL, NOW)
+    assert judged(missing) == ("FAIL", True)
+    assert missing.found.startswith("calibrate first")
     assert judged(check_calibration(CELL, NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 3), NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 400), NOW)) == ("WARN", True)
@@ -128,7 +130,10 @@ def test_a_calibration_is_judged_by_tool_and_age() -> None:
         other = check_calibration(calibrated(REAL, 3, **changes), NOW)
         assert judged(other) == ("FAIL", True)
     accepted = REAL.model_copy(
-        update={"payload": REAL.payload.model_copy(update={"accept_uncalibrated": True})}
+        update={
+            "calibration": "none",
+            "payload": REAL.payload.model_copy(update={"accept_uncalibrated": True}),
+        }
     )
     assert judged(check_calibration(accepted, NOW)) == ("WARN", True)
 

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
-from common.config.load import CALIBRATION, cell_hash, dump_cell, load_cell, named_file
+from common.config.load import (
+    CALIBRATION,
+    cell_from_tree,
+    cell_hash,
+    dump_cell,
+    load_cell,
+    named_file,
+)
 from common.config.payload import Payload
 from forcemesh.errors import ConfigError, DataError
 
@@ -40,10 +47,60 @@ def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     """Write the demo's cell file, and the calibration that it names."""
     path = folder / "cells" / "demo.yaml"
     path.parent.mkdir()
-    path.write_text(DEMO.read_text(encoding="utf-8"), encoding="utf-8")
+    text = DEMO.read_text(encoding="utf-8")
+    text = text.replace("calibration: none", "calibration: ../calibration/demo.yaml")
+    path.write_text(text, encoding="utf-8")
     if found is not None:
         found.save(folder / "calibration" / "demo.yaml")
     return path
+
+
+def test_a_cell_file_says_that_it_works_without_a_calibration_file(tmp_path: Path) -> None:
+    """The word is kept in a dump; a file of that name is not read."""
+    path = cell_with(tmp_path, None)
+    assert load_cell(DEMO).calibration == "none"
+    path.write_text(DEMO.read_text(encoding="utf-8"), encoding="utf-8")
+    (path.parent / "none").write_text("", encoding="utf-8")
+    assert named_file(path, CALIBRATION) is None
+    cell = load_cell(path, with_files=False)
+    assert cell.calibration == load_cell(path).calibration == "none"
+    path.write_text(dump_cell(cell), encoding="utf-8")
+    assert load_cell(path) == cell
+    assert load_cell(path, {"calibration": None}).calibration is None
+
+
+@pytest.mark.parametrize(
+    ("content", "mistake"),
+    [
+        ("", "empty"),
+        ("# Written by forcemesh calibrate.\n", "empty"),
+        ("mass_kg: 1.0\ncom_m: [0, 0, 0]\n", "mass_kg: unknown name"),
+        ("payload: {mass: 1}", "payload.mass: unknown name; did you mean mass_kg"),
+        ("just words\n", "map"),
+        ("cell: [demo\n", "not YAML"),
+        *((chars, "demo.yaml: ") for chars in range(0, 550, 41)),  # the rest of it are defaults
+    ],
+)
+def test_a_calibration_file_that_is_not_whole_is_an_error(
+    content: str | int, mistake: str, tmp_path: Path
+) -> None:
+    """Empty, of another kind, or cut off after a number of characters: the error names the file."""
+    path, file = cell_with(tmp_path, calibration()), tmp_path / "calibration" / "demo.yaml"
+    whole = file.read_text(encoding="utf-8")
+    cut = whole[:content] if isinstance(content, int) else content
+    file.write_text(cut, encoding="utf-8")
+    with pytest.raises(ConfigError, match=mistake) as error:
+        load_cell(path)
+    assert error.value.source == str(file)
+    assert "move the file away" in str(error.value)
+
+
+@pytest.mark.parametrize("found", [3, [], "made.yaml"])
+def test_another_value_as_calibration_is_an_error(found: object) -> None:
+    """A parsed cell file holds the calibration itself, or `none`."""
+    tree = yaml.safe_load(dump_cell(load_cell(DEMO))) | {"calibration": found}
+    with pytest.raises(ConfigError, match="calibration: must be a path or `none`"):
+        cell_from_tree(tree, "cell.yaml")
 
 
 def test_a_cell_file_names_its_calibration(tmp_path: Path) -> None:
@@ -122,29 +179,9 @@ def test_an_edited_file_is_reported(tmp_path: Path) -> None:
     lines = [line for line in text.splitlines() if not line.startswith("revision")]
     file.write_text("\n".join(lines), encoding="utf-8")
     edited = load_cell(path).calibration
-    assert edited is not None
+    assert isinstance(edited, CalibrationSection)
     assert edited.payload.mass_kg == 1.6
     assert edited.revision != calibration().revision
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("payload: {mass: 1}", "calibration.payload.mass: unknown name; did you mean mass_kg?"),
-        ("- 1", "calibration: "),
-        ("a: [", "not YAML"),
-    ],
-)
-def test_mistakes_in_the_file_are_reported_with_their_place(
-    tmp_path: Path, text: str, message: str
-) -> None:
-    """As those of the cell file itself."""
-    path = cell_with(tmp_path, None)
-    (tmp_path / "calibration").mkdir()
-    (tmp_path / "calibration" / "demo.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError) as error:
-        load_cell(path)
-    assert message in str(error.value)
 
 
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:

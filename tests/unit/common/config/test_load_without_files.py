@@ -15,7 +15,7 @@ NAMED = {CALIBRATION: "none/calibration.yaml", PROBE: "probe.yaml", TUNING: "tun
 @pytest.fixture
 def cell_file(tmp_path: Path) -> Path:
     """A cell file that names three files, of which the probe is broken and the others missing."""
-    text = TEXT.replace("../calibration/demo-tcp.yaml", NAMED[CALIBRATION])
+    text = TEXT.replace("calibration: none", f"calibration: {NAMED[CALIBRATION]}")
     text = text.replace("  model: rs007l\n", f"  model: rs007l\n  probe: {NAMED[PROBE]}\n")
     (tmp_path / NAMED[PROBE]).write_text("no: [probe", encoding="utf-8")
     path = tmp_path / "cell.yaml"

@@ -28,7 +28,7 @@ SLACK = 1.02  # of one step of inverse kinematics, where it is not iterated
 
 def space_of(file: str) -> JointSpace:
     """Return the joint space of a cell."""
-    space = JointSpace.of(load_cell(DEMO.with_name(file), {"calibration": None}))
+    space = JointSpace.of(load_cell(DEMO.with_name(file)))
     assert space is not None
     return space
 

@@ -42,7 +42,7 @@ SMALL = {
 def cell_with(**overrides):
     """Return the demo's cell, uncalibrated, with some limits changed."""
     changes = {f"limits.{name}": value for name, value in overrides.items()}
-    return load_cell(DEMO, {"calibration": None, **changes})
+    return load_cell(DEMO, changes)
 
 
 def stops_of(plan: CalibrationPlan) -> list[np.ndarray]:
@@ -206,7 +206,7 @@ def test_fresh_poses_are_far_from_those_of_the_fit(plan):
 
 def test_a_small_box_gives_a_plan_inside_it(plan):
     """20 centimetres are enough, with paths through the hub where direct ones are blocked."""
-    cell = load_cell(DEMO, {"calibration": None, **SMALL})
+    cell = load_cell(DEMO, SMALL)
     small = make_plan(cell, ARM, HOME_RAD, PlanOptions())
     assert_inside(cell, small)
     assert len(small.q) < len(plan.q)
@@ -257,7 +257,7 @@ def test_a_cell_without_room_is_refused_with_advice(limits, problem):
 
 def test_fewer_poses_than_requested_are_reported():
     """40 distinct poses do not fit into a small box: the warning gives the possible number."""
-    cell = load_cell(DEMO, {"calibration": None, **SMALL})
+    cell = load_cell(DEMO, SMALL)
     plan = make_plan(cell, ARM, HOME_RAD, PlanOptions(poses=40))
     assert LEAST_PLANNED_POSES <= len(plan.fit) < 40
     assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]

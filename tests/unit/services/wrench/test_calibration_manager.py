@@ -35,7 +35,7 @@ def residuals(force_N: float = 0.02, torque_Nm: float = 0.001) -> Residuals:
 def with_calibration(found: CalibrationSection | None, **payload: Any) -> CellConfig:
     """Return the bench's cell with a calibration, or with another payload section."""
     section = IDEAL.payload.model_copy(update=payload)
-    return IDEAL.model_copy(update={"calibration": found, "payload": section})
+    return IDEAL.model_copy(update={"calibration": found or "none", "payload": section})
 
 
 @pytest.fixture
@@ -74,6 +74,16 @@ def test_without_a_calibration_the_cell_file_is_its_name() -> None:
     """A payload written by hand counts as a calibration."""
     message = WrenchBench().settle()
     assert (message.calibration, message.calibrated) == ("cell file", True)
+
+
+def test_without_a_calibration_file_force_control_is_refused() -> None:
+    """A file that is missing does not make the cell file's payload a calibration."""
+    cell = with_calibration(None).model_copy(update={"calibration": None})
+    message = WrenchBench(cell).settle()
+    assert message.valid  # for moves, and for the calibration itself
+    assert not message.calibrated
+    assert message.calibration_fault.startswith("calibrate first: ")
+    assert "forcemesh calibrate" in message.calibration_fault
 
 
 @pytest.mark.parametrize("accept", [False, True])

@@ -1,4 +1,4 @@
-"""Folder of recordings: file names, free space, and number of fault files kept."""
+"""Folder of recordings: file names and free space."""
 
 import os
 import re
@@ -24,6 +24,11 @@ def safe_label(label: str) -> str:
     return re.sub(r"[^a-z0-9_-]+", "-", label.lower()).strip("-")[:LONGEST_LABEL]
 
 
+def stop_label(code: str) -> str:
+    """Return the label of a stop; its code arrives over the bus and may be any text."""
+    return f"{STOP}-{safe_label(code) or 'unknown'}"
+
+
 def file_name(cell: str, wall_ns: int, label: str) -> str:
     """Return a portable file name that sorts by time, without number and suffix."""
     when = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -42,15 +47,3 @@ def free_bytes(folder: Path) -> int:
     """Return the free space for an ordinary user at the folder or its nearest parent."""
     there = next((place for place in (folder, *folder.parents) if place.exists()), Path("/"))
     return shutil.disk_usage(there).free
-
-
-def forget_oldest(folder: Path, cell: str, label: str, keep: int) -> None:
-    """Remove the oldest files that faults of one label triggered, down to `keep`.
-
-    Each label is limited by itself: a daily fault must not displace a rare one.
-    """
-    if not label.startswith(STOP):
-        return
-    found = sorted(folder.glob(f"{cell}-*-{label}-*{SUFFIX}"))
-    for path in found[: max(len(found) - keep, 0)]:
-        path.unlink(missing_ok=True)

@@ -30,7 +30,7 @@ from services.recorder.frames import Frame, frames_of, unwrap
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
-BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError)
+BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError, KeyError)
 DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
 MOST_CHUNK_B = 1 << 30
 QOS = {topic.key: topic.qos for topic in TOPICS}

@@ -19,7 +19,7 @@ from forcemesh.errors import MessageError
 from forcemesh.faults import clipped
 from forcemesh.topics import TOPICS
 from forcemesh.version import __version__
-from services.recorder.folder import file_name, folder_of, forget_oldest, free_bytes, new_file
+from services.recorder.folder import file_name, folder_of, free_bytes, new_file
 from services.recorder.frames import DESCRIPTOR, ENCODING, HEAD, NAME, Frame, wrap
 from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
@@ -61,12 +61,16 @@ class Recording:
         cause: str,
         wall_clock: WallClock,
         now_ns: int,
+        number: int = 0,
     ) -> None:
-        """Open the first file. Raises OSError if the folder cannot be written."""
+        """Open the first file. Raises OSError if the folder cannot be written.
+
+        `number` counts the recordings of a stop's code.
+        """
         self.messages = 0
         self.unshaped = 0  # of them: kept byte for byte, but not decodable
         self.numbering = SequenceGaps()
-        self.cause, self.since_ns = cause, now_ns
+        self.cause, self.since_ns, self._number = cause, now_ns, number
         self._folder, self._name, self._cell, self._wall_clock = folder, name, cell, wall_clock
         self._frames: list[bytes] = []  # since the last flush
         self._last_ns = 0  # time of the last frame
@@ -156,6 +160,7 @@ class Recording:
             "version": __version__,
             "config_hash": cell_hash(self._cell),
             "cause": self.cause,
+            "number": str(self._number),
             "clock": self._wall_clock.boot,
             "wall_minus_monotonic_ns": str(self._wall_clock.offsets_ns[self._wall_clock.boot]),
         }
@@ -196,7 +201,9 @@ class RecordingWriter:
         """Return whether the write queue is not empty."""
         return bool(self._waiting)
 
-    def begin(self, label: str, cause: str, ring_buffer: list[Block]) -> Recording | None:
+    def begin(
+        self, label: str, cause: str, ring_buffer: list[Block], *, number: int = 0
+    ) -> Recording | None:
         """Start a recording with the pre-trigger memory; return None if it cannot be started."""
         self.check_space()
         if self._no_space:
@@ -207,10 +214,15 @@ class RecordingWriter:
 
         def open_it() -> None:
             self.recording = self.last = Recording(
-                self.folder, name, self._cell, cause=cause, wall_clock=wall_clock, now_ns=now_ns
+                self.folder,
+                name,
+                self._cell,
+                cause=cause,
+                number=number,
+                wall_clock=wall_clock,
+                now_ns=now_ns,
             )
             self._broken = ""
-            forget_oldest(self.folder, self._cell.cell, label, self._cell.recorder.faults_kept)
 
         self._waiting = deque(ring_buffer)
         self._try(open_it)

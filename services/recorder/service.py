@@ -14,9 +14,10 @@ from forcemesh.faults import clipped, refusal
 from forcemesh.messages import ArbiterStatus, RecorderStatus
 from forcemesh.requests import RecordRequest, Reply
 from forcemesh.topics import TOPICS
-from services.recorder.folder import STOP, safe_label
+from services.recorder.folder import safe_label, stop_label
 from services.recorder.frames import Frame
 from services.recorder.recording import RecordingWriter
+from services.recorder.retention import Retention
 from services.recorder.ring_buffer import RingBuffer
 
 STEPS_HZ = 10.0
@@ -46,6 +47,7 @@ class Recorder:
             60.0 * self._section.keep_min, round(self._section.memory_MB * MB)
         )
         self._writer = RecordingWriter(cell, bus.clock, wall_ns)
+        self._retention = Retention(self._writer.folder, cell.cell)
         self._until_ns: int | None = None  # end of a recording that a fault triggered
         self._state = ""  # of the arbiter, as last received
         self._starts = bus.inbox(topics.RECORD_START)
@@ -83,7 +85,10 @@ class Recorder:
     def counters(self) -> dict[str, int]:
         """Return counts of written, lost and undecodable messages."""
         recording = self._writer.last
-        counted = {"recording": int(self._writer.recording is not None)}
+        counted = {
+            "recording": int(self._writer.recording is not None),
+            "unreadable_files": len(self._retention.unreadable),
+        }
         if recording is not None:
             counted |= {
                 "messages": recording.messages,
@@ -119,10 +124,17 @@ class Recorder:
             self._writer.note(code)
             self._end(LAST_WORK_NS)  # a rare stop gets its own file
         if self._writer.recording is None and self._section.keep_min > 0.0:
-            self._writer.begin(f"{STOP}-{code}", code, self._ring_buffer.blocks())
+            self._begin_stop(code)
         self._writer.note(code)
         if not is_asked:
             self._until_ns = now_ns + round(self._section.after_fault_s * NS_PER_S)
+
+    def _begin_stop(self, code: str) -> None:
+        past = self._retention.of_code(code)
+        number = past[-1].number + 1 if past else 1
+        blocks = self._ring_buffer.blocks()
+        if self._writer.begin(stop_label(code), code, blocks, number=number) is not None:
+            self._retention.remove_oldest(past, self._section.faults_kept)
 
     def _start(self, request: RecordRequest) -> Reply:
         running = self._writer.recording

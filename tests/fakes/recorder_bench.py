@@ -32,10 +32,10 @@ def cell_with(folder: Path, **section: Any) -> CellConfig:
 class RecorderBench:
     """Publishes messages, advances the clock, sends requests to the recorder."""
 
-    def __init__(self, folder: Path, **section: Any) -> None:
+    def __init__(self, folder: Path, *, name: str = "demo", **section: Any) -> None:
         """Start a recorder that records into a folder."""
-        self.folder = folder
-        self.cell = cell_with(folder, **section)
+        self.folder, self.wall_zero_ns = folder, WALL_NS
+        self.cell = cell_with(folder, **section).model_copy(update={"cell": name})
         self.clock = ManualClock()
         self.transport = MemoryTransport()
         self.recorder = Recorder(self._bus("recorder"), self.cell, wall_ns=self.wall_ns)
@@ -44,7 +44,7 @@ class RecorderBench:
 
     def wall_ns(self) -> int:
         """Return the wall clock time."""
-        return WALL_NS + self.clock.now_ns()
+        return self.wall_zero_ns + self.clock.now_ns()
 
     def send(self, topic: Topic[Any], message: Message) -> None:
         """Publish a message on a topic as its writer."""

@@ -55,7 +55,7 @@ def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     return path
 
 
-def test_a_cell_file_says_that_it_works_without_a_calibration_file(tmp_path: Path) -> None:
+def test_a_cell_file_states_that_it_works_without_a_calibration_file(tmp_path: Path) -> None:
     """The word is kept in a dump; a file of that name is not read."""
     path = cell_with(tmp_path, None)
     assert load_cell(DEMO).calibration == "none"

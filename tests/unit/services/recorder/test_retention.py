@@ -18,7 +18,7 @@ CODES = st.one_of(
     st.sampled_from(["force", "force-2", "FORCE", "../force", "*", "x/../../y", "", "a" * 200]),
     st.text(max_size=20),
 )
-STOPS = st.lists(
+STOPS: st.SearchStrategy[list[tuple[str, str, int, float]]] = st.lists(
     st.tuples(st.sampled_from(NAMES), CODES, st.integers(-3, 3), st.sampled_from([1.0, 8.0])),
     min_size=4,
     max_size=8,
@@ -28,12 +28,12 @@ STOPS = st.lists(
 @given(stops=STOPS)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_the_newest_of_each_cell_and_code_are_kept_as_a_whole(
-    stops: list[tuple[str, str, int, str]],
+    stops: list[tuple[str, str, int, float]],
 ) -> None:
     """For any names, codes and settings of the wall clock, in one folder."""
     with TemporaryDirectory() as scratch, ExitStack() as exits:
         folder = Path(scratch) / "recordings"
-        benches = {}
+        benches: dict[str, RecorderBench] = {}
         made: dict[tuple[str, str], list[list[Path]]] = defaultdict(list)
         for name, code, clock_min, after_s in stops:
             if name not in benches:

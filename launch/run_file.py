@@ -1,10 +1,12 @@
 """Run file: record of the processes that a supervisor has started, kept current while it runs.
 
-`.run/<cell>.json` in the project's folder, or in a private folder of the temporary directory if
-that is not writable. It is removed when a cell ends normally, and kept after a death.
+`forcemesh/<cell>.json` in XDG_RUNTIME_DIR, else `.run/<cell>.json` in the project's folder, else in
+a private folder of the temporary directory. A folder that another user owns or may write is not used.
+The file is removed when a cell ends normally, and kept after a death.
 """
 
 import os
+import stat
 import tempfile
 import threading
 from contextlib import suppress
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ValidationError
 
+from forcemesh.errors import DataError
 from launch.started_process import ROOT, ProcessExit, ProcessSpec
 
 if TYPE_CHECKING:
@@ -127,7 +130,9 @@ class RunLog:
         if self._closed:  # a sidecar may end after the cell
             return
         self._run = self._run.model_copy(update=update)
-        with suppress(OSError):  # a full disk is no reason to leave a cell without supervision
+        with suppress(
+            OSError, DataError
+        ):  # a full disk is no reason to leave a cell without supervision
             write_run(self._run)
 
 
@@ -176,24 +181,48 @@ def read_runs() -> list[Run]:
 
 
 def folders() -> list[Path]:
-    """Return the possible folders of run files."""
-    if named := os.environ.get(FOLDER_VARIABLE):
-        return [Path(named)]
-    return [ROOT / ".run", Path(tempfile.gettempdir()) / f"forcemesh-{os.getuid()}"]
+    """Return the possible folders of run files, without those that another user could change."""
+    return [folder for folder in _candidates() if not _objection(folder)]
 
 
 def writable_folder() -> Path:
-    """Return the first writable folder for run files; create it if needed."""
-    candidates = folders()
-    for folder in candidates[:-1]:
+    """Return the first writable folder for run files; create it if needed.
+
+    Raises DataError when there is none that only this user can change.
+    """
+    reasons = []
+    for folder in _candidates():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            reasons.append(f"{folder}: {error.strerror}")
             continue
-        if os.access(folder, os.W_OK):
+        objection = _objection(folder)
+        if not objection and os.access(folder, os.W_OK):
             return folder
-    candidates[-1].mkdir(mode=0o700, parents=True, exist_ok=True)
-    return candidates[-1]
+        reasons.append(f"{folder}: {objection or 'not writable'}")
+    text = "; ".join(reasons)
+    raise DataError(f"no folder for run files ({text}): name one of yours with {FOLDER_VARIABLE}")
+
+
+def _candidates() -> list[Path]:
+    if named := os.environ.get(FOLDER_VARIABLE):
+        return [Path(named)]
+    runtime = Path(os.environ.get("XDG_RUNTIME_DIR") or "/nonexistent")
+    temporary = Path(tempfile.gettempdir()) / f"forcemesh-{os.getuid()}"
+    return [*([runtime / "forcemesh"] if runtime.is_dir() else []), ROOT / ".run", temporary]
+
+
+def _objection(folder: Path) -> str:
+    """Return why another user could change a folder or its link; empty if none can."""
+    try:
+        found, link = folder.stat(), folder.lstat()
+    except OSError:
+        return ""  # it is not there
+    for owner in (link.st_uid, found.st_uid):
+        if owner != os.getuid():
+            return f"belongs to another user ({owner})"
+    return "may be written by every user" if found.st_mode & stat.S_IWOTH else ""
 
 
 def now() -> str:
@@ -209,16 +238,16 @@ def is_alive(pid: int, ticks: int | None) -> bool:
         return False
     except PermissionError:
         return True
-    stat = _stat(pid)
-    if stat is None:
+    fields = _stat(pid)
+    if fields is None:
         return True
-    return stat[0] != "Z" and (ticks is None or int(stat[19]) == ticks)
+    return fields[0] != "Z" and (ticks is None or int(fields[19]) == ticks)
 
 
 def start_ticks(pid: int) -> int | None:
     """Return when a process started, in the kernel's ticks since boot; None if unknown."""
-    stat = _stat(pid)
-    return None if stat is None else int(stat[19])
+    fields = _stat(pid)
+    return None if fields is None else int(fields[19])
 
 
 def _stat(pid: int) -> list[str] | None:

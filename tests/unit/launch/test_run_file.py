@@ -9,7 +9,7 @@ import pytest
 
 from cli.context import default_cell_file, find_cell_file, live_cell
 from common.config.load import cell_hash, dump_cell
-from forcemesh.errors import ConfigError
+from forcemesh.errors import ConfigError, DataError
 from launch.run_file import (
     FOLDER_VARIABLE,
     ExitRecord,
@@ -150,3 +150,49 @@ def test_a_run_file_contains_no_token() -> None:
     """Other users of the machine may read it."""
     secret = CELL.model_copy(update={"panel": CELL.panel.model_copy(update={"token": "s3cret"})})
     assert "s3cret" not in new_run(secret, Path(__file__)).as_started
+
+
+@pytest.mark.parametrize("spoil", ["owner", "link", "mode"])
+def test_a_folder_that_another_user_can_change_is_neither_read_nor_written(
+    spoil: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The temporary directory is everyone's: the error names the folder and the remedy."""
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("launch.run_file.ROOT", tmp_path / "file")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    uid = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    folder = tmp_path / "forcemesh-12345"
+    if spoil == "link":
+        folder.symlink_to(tmp_path, target_is_directory=True)
+    else:
+        folder.mkdir(mode=0o700)
+    run = a_run("one").model_dump_json()
+    (folder / "one.json").write_text(run)
+    if spoil == "mode":
+        monkeypatch.setattr(os, "getuid", lambda: uid)
+        folder = folder.rename(tmp_path / f"forcemesh-{uid}")
+        assert read_run("one") is not None
+        folder.chmod(0o777)
+    assert read_runs() == []
+    with pytest.raises(DataError, match=f"{folder}: .* user.*{FOLDER_VARIABLE}"):
+        writable_folder()
+
+
+def test_the_runtime_folder_of_the_user_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Then that of the checkout; runs in either are found."""
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.setattr("launch.run_file.ROOT", tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
+    assert writable_folder() == tmp_path / ".run"
+    write_run(a_run("one"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert writable_folder() == tmp_path / "forcemesh"
+    assert (tmp_path / "forcemesh").stat().st_mode & 0o077 == 0
+    write_run(a_run("two"))
+    assert {run.cell for run in read_runs()} == {"one", "two"}

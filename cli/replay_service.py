@@ -127,7 +127,7 @@ class ReplayedPart:
         for served in step.requests:
             address = f"{self._cell.cell}/{served.request}"
             try:
-                data = request_data(served, address)
+                data = request_data(served, address, self._clock)
             except DataError as error:
                 self.recorded.notes.append(f"not replayed: {error}")
                 continue

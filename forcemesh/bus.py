@@ -5,20 +5,21 @@ inside one process on a virtual clock (`common.bus.memory_bus`). Services do not
 """
 
 import secrets
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 from forcemesh.clock import Clock
-from forcemesh.codec import Header, decode_record, encode, encode_record
-from forcemesh.errors import BusError, LostError, MessageError
-from forcemesh.faults import refusal
+from forcemesh.codec import Envelope, Header, decode_record, encode, encode_record
+from forcemesh.errors import BusError, LostError
+from forcemesh.inbox import Call, CallSource, Inbox, Incoming
 from forcemesh.messages import Message
 from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
 from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.served_requests import ServedRequests, name_of_this_process
-from forcemesh.topics import CLIENT, HELPERS, SERVED, Qos, Request, Topic
+from forcemesh.topics import CLIENT, HEALTH, HELPERS, SERVED, Qos, Request, Topic
 
 __all__ = [
     "LONGEST_FAULT",
@@ -41,23 +42,7 @@ __all__ = [
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
-MOST_AT_ONCE = 4  # requests of one kind in one step
-
-
-class Call(Protocol):
-    """One pending request."""
-
-    data: bytes
-
-    def answer(self, data: bytes) -> None:
-        """Send the answer."""
-
-
-class CallSource(Protocol):
-    """Requests of one key in the order of their arrival."""
-
-    def take(self) -> Call | None:
-        """Return the oldest request not yet taken, or None."""
+STAMPS_KEPT = 256  # of the last messages of a publisher: a minute of health
 
 
 class Transport(Protocol):
@@ -96,6 +81,7 @@ class Publisher(Generic[M]):
         self._put = put
         self._clock = clock
         self._epoch = epoch
+        self._stamps_ns: deque[int] = deque(maxlen=STAMPS_KEPT)
 
     def put(self, message: M, origin: Origin | None = None) -> Header:
         """Publish a message, with the sensor sample it is based on, if any."""
@@ -110,74 +96,15 @@ class Publisher(Generic[M]):
             sensor_seq=None if origin is None else origin.seq,
         )
         self._put(encode(header, message))
+        self._stamps_ns.append(header.stamp_ns)
         return header
 
-
-@dataclass(frozen=True, slots=True)
-class Incoming(Generic[Q]):
-    """A received request, with its reply function."""
-
-    request: Q
-    call: Call
-    fault: str = ""  # why it could not be decoded, if it is served anyway
-    served: Callable[[Reply], None] = lambda _: None  # publishes it with its reply
-
-    def reply(self, reply: Reply) -> None:
-        """Send the reply; for a request that could not be decoded, add the decoding error."""
-        if self.fault:
-            text = f"{reply.text}; the request itself cannot be decoded: {self.fault}"
-            refused_reply = refusal("malformed", text)
-            reply = refused_reply.replaced(accepted=reply.accepted)
-        self.call.answer(encode_record(reply))
-        self.served(reply)
-
-
-class Inbox(Generic[Q]):
-    """The requests of one row of the table, for the service that serves it."""
-
-    def __init__(
-        self,
-        request: Request[Q],
-        source: CallSource,
-        *,
-        cell: str,
-        served: ServedRequests | None = None,
-    ) -> None:
-        """Wrap the source of one request of a cell; `served` publishes each with its reply."""
-        self._request = request
-        self._served = served
-        self._address = f"{cell}/{request.key}"
-        self._source = source
-
-    def take_all(self) -> Iterator[Incoming[Q]]:
-        """Yield received requests; refuse a request that does not decode.
-
-        Exception: a hold is served anyway, and its reply reports the decoding error.
-
-        At most MOST_AT_ONCE per step, so that a flood of requests cannot block a control loop. The
-        rest waits for the next step; the source drops the excess.
-        """
-        for _ in range(MOST_AT_ONCE):
-            if (call := self._source.take()) is None:
-                return
-            request: Q | None
-            try:
-                request, fault = decode_record(call.data, self._request.message, self._address), ""
-            except MessageError as error:
-                request, fault = self._request.unreadable, str(error)
-            served = self._publisher_of(call.data, None if fault else request, fault)
-            if request is None:
-                reply = refusal("malformed", fault)
-                call.answer(encode_record(reply))
-                served(reply)
-            else:
-                yield Incoming(request, call, fault, served)
-
-    def _publisher_of(self, data: bytes, request: Q | None, fault: str) -> Callable[[Reply], None]:
-        """Return the function that publishes a request with its reply."""
-        if self._served is None:
-            return lambda _: None
-        return self._served.taken(self._request.key, data, request, fault)
+    def published_ns(self, epoch: int, seq: int) -> int | None:
+        """Return when a message was published [ns], None if not here or not among the last ones."""
+        later = self.seq - seq
+        if epoch != self._epoch or not 0 <= later < len(self._stamps_ns):
+            return None
+        return self._stamps_ns[-1 - later]
 
 
 class FixedReply:
@@ -213,6 +140,7 @@ class Bus:
     clock: Clock
     epoch: int = field(default_factory=lambda: secrets.randbits(62))
     _served: ServedRequests | None = field(default=None, init=False)
+    _health: Publisher[Any] | None = field(default=None, init=False)
 
     @property
     def requests_served(self) -> int | None:
@@ -228,7 +156,10 @@ class Bus:
         if topic.writer != self.role:
             raise BusError(f"{self.role} may not write {topic.key}: {topic.writer} does")
         put = self.transport.publish(f"{self.cell}/{topic.key}", topic.qos)
-        return Publisher(topic, put, self.clock, self.epoch, cell=self.cell)
+        publisher = Publisher(topic, put, self.clock, self.epoch, cell=self.cell)
+        if topic.key == HEALTH[self.role].key:
+            self._health = publisher
+        return publisher
 
     def reader(self, topic: Topic[M], room: int = 1) -> Reader[M]:
         """Return a reader of a topic, which reads its newest message or every one of a queue.
@@ -257,16 +188,40 @@ class Bus:
         source = self.transport.serve(f"{self.cell}/{request.key}")
         if self._served is None:
             self._served = ServedRequests(self.publisher(SERVED[self.role]).put, self.clock)
-        return Inbox(request, source, cell=self.cell, served=self._served)
+        return Inbox(
+            request, source, self.clock, cell=self.cell, served=self._served,
+            status=lambda: self._health,
+        )  # fmt: skip
 
-    def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
-        """Send a request and return the reply. Raise BusError after the timeout."""
+    def ask(
+        self,
+        request: Request[Q],
+        message: Q,
+        timeout_s: float = 2.0,
+        *,
+        status: Header | None = None,
+    ) -> Reply:
+        """Send a request and return the reply. Raise BusError after the timeout.
+
+        Args:
+            request: Row of the table.
+            message: The request.
+            timeout_s: Longest wait for the reply; a server executes nothing older.
+            status: Newest health of the server; a server on another clock needs it.
+        """
         if self.role != CLIENT:
             raise BusError(f"only clients send requests, {self.role} is not a client")
         key = f"{self.cell}/{request.key}"
-        data = self.transport.ask(
-            key, encode_record(message, key, name_of_this_process()), timeout_s
+        envelope = Envelope(
+            topic=key,
+            sender=name_of_this_process(),
+            boot=self.clock.boot,
+            stamp_ns=self.clock.now_ns(),
+            wait_s=timeout_s,
+            status_epoch=0 if status is None else status.epoch,
+            status_seq=0 if status is None else status.seq,
         )
+        data = self.transport.ask(key, encode_record(message, envelope), timeout_s)
         if data is None:
             raise BusError(f"{request.server} did not answer {key} within {timeout_s:g} s")
         return decode_record(data, Reply)

@@ -4,10 +4,11 @@ Any language reads it with plain msgpack. Input that is not bounded in size, of 
 finite is rejected.
 """
 
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgpack
 import msgspec
+from msgspec import Meta
 from msgspec.structs import asdict
 
 from forcemesh.errors import MessageError, MisroutedError
@@ -16,6 +17,7 @@ from forcemesh.records import Record, normalise_rotations
 
 SCHEMA_VERSION = 3  # forcemesh/recorded_messages.py has the history
 MAX_BYTES = 4096
+SHORTEST_WAIT_S = 0.5  # of a client for its reply
 
 MISTAKES = (msgspec.MsgspecError, ArithmeticError, RecursionError, TypeError, ValueError)
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=float)  # numpy's floats
@@ -44,6 +46,20 @@ class Header(Version):
     stamp_ns: int
     sensor_stamp_ns: int | None = None
     sensor_seq: int | None = None
+
+
+class Envelope(Version):
+    """First fields of a request. A third-party client may omit each of them."""
+
+    sender: str = ""  # program, process and host, by its own account
+    boot: str = ""  # identity of the clock of the stamp; empty: the age is unknown
+    stamp_ns: int = 0  # when it was sent
+    # How long the client waits for the reply; a request that is older is not executed.
+    wait_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = SHORTEST_WAIT_S
+    # Newest health of the server that the client has received: its age is that of a request from
+    # another clock.
+    status_epoch: int = 0
+    status_seq: int = 0
 
 
 def encode(header: Header, message: Message) -> bytes:
@@ -77,24 +93,28 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
     return header, message_type.from_dict(fields)
 
 
-def encode_record(record: Record, address: str = "", sender: str = "") -> bytes:
-    """Return the bytes of a request, with its address and sender, or of a reply: no header."""
+def encode_record(record: Record, head: Version | None = None) -> bytes:
+    """Return the bytes of a reply, or of a request with its envelope."""
     checked = record.from_dict(record.as_dict())
-    head = asdict(Version(topic=address)) | ({"sender": sender} if sender else {})
-    return pack(head | asdict(checked))
+    return pack(asdict(head or Version()) | asdict(checked))
 
 
-def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
-    """Return a request or a reply.
-
-    Raise MisroutedError when the bytes carry another address, MessageError when they are not such a
-    record. A third-party client may omit the address of a request.
-    """
+def decode_record(data: bytes, record_type: type[R]) -> R:
+    """Return a request or a reply. Raise MessageError when the bytes are not such a record."""
     fields = unpack(data)
-    version = Version.from_dict(fields)
-    if address and version.topic not in ("", address):
-        raise misrouted(version, address)
+    Version.from_dict(fields)
     return record_type.from_dict(fields)
+
+
+def decode_envelope(data: bytes, address: str) -> Envelope:
+    """Return the first fields of a request.
+
+    Raise MisroutedError when they carry another address, MessageError when one of them is wrong.
+    """
+    envelope = Envelope.from_dict(unpack(data))
+    if envelope.topic not in ("", address):
+        raise misrouted(envelope, address)
+    return envelope
 
 
 def pack(fields: dict[str, Any]) -> bytes:

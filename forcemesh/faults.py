@@ -132,6 +132,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(525, "signal_unknown",    "REFUSAL", "the cell file names no such signal", "name it in the section signals of the cell file"),
     FaultCode(526, "signal_not_permitted", "REFUSAL", "the signal is an input, or set_by of the cell file does not permit this commander to set it", "change signals.NAME.set_by in the cell file, if that is intended"),
     FaultCode(527, "signal_held",       "REFUSAL", "this output is not set while the robot holds", "arm first; or, where switching it can do no harm, write while_held: true for it"),
+    FaultCode(528, "late",              "REFUSAL", "the request is older than its client waits for the reply, or it waited while the process that serves it was stalled: it was not executed", "send it again; if it is late again, see in `forcemesh status` which process or link stalls"),
     # --- 6xx: recordings ---------------------------------------------------------------------------
     FaultCode(601, "recording",         "REFUSAL", "the recorder cannot write: no disk space, or no folder", "free disk space, or set another recorder.folder in the cell file"),
 )}

@@ -197,5 +197,7 @@ class ServedRequest(Message):
     payload_bytes: int = 0  # length of `payload`, which is empty if it is too long
     fault: Text = ""  # why it cannot be decoded
     received_ns: int = 0  # when the role took it from its queue, before it was served
+    age_s: Finite | None = None  # its age then, at most; null: its client stated none
+    wait_s: Finite = 0.5  # how long its client waited for the reply
     reply: Reply | None = None
     skipped: int = 0  # requests since the last message that were served and not published

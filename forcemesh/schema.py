@@ -12,7 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from forcemesh.bus import Bus, FixedReply, query_hub
-from forcemesh.codec import SCHEMA_VERSION, Header, Version
+from forcemesh.codec import SCHEMA_VERSION, Envelope, Header, Version
 from forcemesh.messages import LARGEST
 from forcemesh.patterns import NO_BREAK
 from forcemesh.records import Record
@@ -25,8 +25,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NOTE = (
     "A payload is one flat MessagePack map. Keys are <cell>/<topic> to subscribe to and "
     "<cell>/<request> to query with a payload; the response is a `reply`. The field `topic` holds "
-    "the full address; a request may omit it, and may name its `sender`. SI units, given in the "
-    "names. Fields that are not listed are ignored."
+    "the full address; a request may omit it, and the other fields of its envelope. SI "
+    "units, given in the names. Fields that are not listed are ignored."
 )
 
 
@@ -52,7 +52,7 @@ def describe() -> dict[str, Any]:
             request.key: {
                 "summary": request.summary,
                 "server": request.server,
-                "schema": schema_of(Version, request.message, "validation"),
+                "schema": schema_of(Envelope, request.message, "validation"),
             }
             for request in REQUESTS
         },

@@ -17,8 +17,8 @@ from typing import Any
 import msgspec
 
 from forcemesh.clock import NS_PER_S, Clock
-from forcemesh.codec import pack, unpack
-from forcemesh.errors import DataError, MessageError
+from forcemesh.codec import Envelope, pack
+from forcemesh.errors import DataError
 from forcemesh.faults import clipped
 from forcemesh.records import Record
 from forcemesh.requests import Reply, ServedRequest
@@ -40,7 +40,14 @@ class ServedRequests:
         self._second_ns, self._published, self._skipped = 0, 0, 0
 
     def taken(
-        self, key: str, data: bytes, request: Record | None, fault: str
+        self,
+        key: str,
+        data: bytes,
+        request: Record | None,
+        *,
+        fault: str,
+        envelope: Envelope,
+        age_s: float | None,
     ) -> Callable[[Reply], None]:
         """Return the function that publishes a request, taken now, with its reply.
 
@@ -49,16 +56,20 @@ class ServedRequests:
             data: Its bytes.
             request: Its fields, None if they cannot be decoded.
             fault: Why they cannot be decoded.
+            envelope: Its first fields.
+            age_s: Its age [s], None if it is unknown.
         """
         payload = data.hex() if request is None else request.as_json()
         size = len(payload.encode())
         served = ServedRequest(
             request=key,
-            sender=clipped(sender_of(data), MOST_NAME_B),
+            sender=clipped(envelope.sender, MOST_NAME_B),
             payload=payload if size <= MOST_PAYLOAD_B else "",
             payload_bytes=size,
             fault=clipped(fault, MOST_NAME_B),
             received_ns=self._clock.now_ns(),
+            age_s=age_s,
+            wait_s=envelope.wait_s,
         )
         return partial(self._publish, served)
 
@@ -76,8 +87,13 @@ class ServedRequests:
         self._skipped = 0
 
 
-def request_data(served: ServedRequest, address: str) -> bytes:
-    """Return the bytes of a request as its client may have sent them, for an address.
+def request_data(served: ServedRequest, address: str, clock: Clock) -> bytes:
+    """Return the bytes of a request as its client may have sent them, as old as it was.
+
+    Args:
+        served: The request.
+        address: Its address.
+        clock: Of the server that now receives it.
 
     Raises:
         DataError: They are not in the message: too long for it, or altered.
@@ -91,21 +107,15 @@ def request_data(served: ServedRequest, address: str) -> bytes:
         fields = msgspec.json.decode(served.payload, type=dict[str, Any])
     except ValueError as error:  # msgspec's too
         raise DataError(f"{served.request}: its payload cannot be read: {error}") from error
-    sender = {"sender": served.sender} if served.sender else {}
-    return pack(fields | {"topic": address} | sender)
+    envelope = Envelope(topic=address, sender=served.sender, wait_s=served.wait_s)
+    if served.age_s is not None:
+        stamp_ns = clock.now_ns() - round(served.age_s * NS_PER_S)
+        envelope = envelope.replaced(boot=clock.boot, stamp_ns=stamp_ns)
+    return pack(fields | envelope.as_dict())
 
 
 @cache
 def name_of_this_process() -> str:
     """Return program, process and host of this process, as a request names its sender."""
     program = Path(sys.argv[0] or "python").name
-    return clipped(f"{program} {os.getpid()} at {socket.gethostname()}")
-
-
-def sender_of(data: bytes) -> str:
-    """Return the sender that a request names, empty if it names none or cannot be decoded."""
-    try:
-        named = unpack(data).get("sender")
-    except MessageError:
-        return ""
-    return named if isinstance(named, str) else ""
+    return clipped(f"{program} {os.getpid()} at {socket.gethostname()}", MOST_NAME_B)

@@ -59,9 +59,9 @@ class Request(Generic[Q]):
     message: type[Q]
     server: str
     summary: str
-    unreadable: Q | None = (
-        None  # used in place of a request that cannot be decoded; None: it is refused
-    )
+    # Of a request that stops motion, which is executed at any age: used in place of one that cannot
+    # be decoded. None: late or undecodable, it is refused.
+    unreadable: Q | None = None
 
 
 # fmt: off
@@ -99,7 +99,7 @@ CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   
 MOVE        = Request("request/move",        q.MoveRequest,        "arbiter",   "move to a pose, to joint angles, or by joint angles")
 SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the following moves")
 FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback with a mode, host and set point")
-FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
+FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is; accepted from any client at any time, as a hold is", q.Empty())
 GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
 FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "follow points across the tool axis, or poses, while the force is controlled")
 SIGNAL      = Request("request/signal",      q.SignalRequest,      "robot",     "switch a digital output that the cell file names, as far as it permits")

@@ -75,7 +75,7 @@ class RecorderBench:
     def ask(self, request: Request[Any], message: Record) -> Reply:
         """Send a request to the recorder."""
         address = f"{self.cell.cell}/{request.key}"
-        call = MemoryCall(encode_record(message, address))
+        call = MemoryCall(encode_record(message))
         self.transport.serve(address).waiting.append(call)
         self.recorder.step(self.clock.now_ns())
         assert call.reply is not None

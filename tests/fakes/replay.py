@@ -76,7 +76,7 @@ def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
             request = next(r for r in topics.REQUESTS if r.key == fields["request"])
             entry = request.message.from_dict(fields["fields"])
             calls = transport.serve(f"{cell.cell}/{request.key}")
-            calls.waiting.append(MemoryCall(encode_record(entry, f"{cell.cell}/{request.key}")))
+            calls.waiting.append(MemoryCall(encode_record(entry)))
             continue
         header = Header.from_dict(fields)
         topic = find_topic(header.topic.partition("/")[2])

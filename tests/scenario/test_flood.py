@@ -13,11 +13,14 @@ import pytest
 import zenoh
 
 from common.bus.cell_bus import LONGEST_MESSAGE_B, open_hub
+from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.bus import MOST_AT_ONCE, Inbox
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
 from forcemesh.codec import encode_record
+from forcemesh.inbox import MOST_AT_ONCE
 from forcemesh.messages import Health
 from forcemesh.requests import Empty
 from forcemesh.zenoh_session import ZenohTransport
@@ -58,7 +61,10 @@ class EndlessSource:
 def test_endless_requests_do_not_keep_a_service_in_one_step(data):
     """A step answers a few and continues its work, whether they can be decoded or not."""
     source: Any = EndlessSource(data)
-    taken = list(Inbox(topics.CLEAR, source, cell="demo").take_all())
+    transport: Any = MemoryTransport()
+    transport.serve = lambda _key: source
+    arbiter = Bus("arbiter", "demo", transport, load_cell(DEMO), ManualClock())
+    taken = list(arbiter.inbox(topics.CLEAR).take_all())
 
     assert len(taken) + source.replies == MOST_AT_ONCE
 

@@ -15,6 +15,7 @@ from forcemesh import requests as q
 from forcemesh.codec import (
     MAX_BYTES,
     SCHEMA_VERSION,
+    Envelope,
     Header,
     decode,
     decode_record,
@@ -115,6 +116,12 @@ def test_any_language_reads_a_flat_map(message_type: type[m.Message]) -> None:
 def test_header_and_body_share_no_name(message_type: type[m.Message]) -> None:
     """One flat map has room for a name only once."""
     assert not set(Header.__struct_fields__) & set(message_type.__struct_fields__)
+
+
+@each_record
+def test_envelope_and_request_share_no_name(record_type: type[Record]) -> None:
+    """One flat map as well."""
+    assert not set(Envelope.__struct_fields__) & set(record_type.__struct_fields__)
 
 
 @each_type

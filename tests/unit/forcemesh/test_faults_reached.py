@@ -139,6 +139,14 @@ def ask_armed(*requests: tuple[topics.Request[Any], Any]) -> str:
     return [cell.ask(*request).code for request in requests][-1]
 
 
+def ask_a_frozen_arbiter() -> str:
+    """Request what waits while the process is frozen for three seconds."""
+    mates = Cellmates()
+    mates.step(3)
+    mates.clock.sleep_s(3.0)
+    return mates.ask(topics.SPEED, Speed()).code
+
+
 def ask_nonsense() -> str:
     """Send bytes that are no request."""
     cell, call = Cellmates(), MemoryCall(b"\xc1")
@@ -302,6 +310,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "signal_unknown":   partial(request_signal, "none"),
     "signal_not_permitted": partial(request_signal, "lamp", "program"),
     "signal_held":      partial(request_signal, "gripper_close"),
+    "late":             ask_a_frozen_arbiter,
 }
 # fmt: on
 

@@ -16,7 +16,7 @@ from msgspec.structs import fields
 from common.bus.cell_bus import open_hub
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.codec import Header, encode, encode_record
+from forcemesh.codec import Envelope, Header, encode, encode_record
 from forcemesh.requests import Reply
 from forcemesh.schema import describe, describer, topic_schema
 from forcemesh.topics import REQUESTS, TOPICS, Request, Topic
@@ -61,7 +61,7 @@ def test_every_request_fits_its_schema(request_row: Request[Any]) -> None:
     """As our own clients send it; fields with a default may be left out."""
     schema = describe()["requests"][request_row.key]["schema"]
     asked = request_row.message.from_dict(full(request_row.message))
-    assert mistakes(schema, encode_record(asked, request_row.key)) == []
+    assert mistakes(schema, encode_record(asked, Envelope(topic=request_row.key))) == []
     needed = {field.name for field in fields(request_row.message) if field.required}
     assert set(schema["required"]) == needed
 

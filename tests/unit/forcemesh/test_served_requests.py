@@ -12,9 +12,16 @@ from common.bus.memory_bus import MemoryCall, MemoryTransport
 from common.config.load import load_cell
 from common.runtime.service import HealthReporter
 from forcemesh import topics
-from forcemesh.bus import Bus, Inbox
+from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.codec import MAX_BYTES, decode, decode_record, encode_record
+from forcemesh.codec import (
+    MAX_BYTES,
+    Envelope,
+    decode,
+    decode_envelope,
+    decode_record,
+    encode_record,
+)
 from forcemesh.errors import DataError
 from forcemesh.records import Record
 from forcemesh.requests import Empty, HoldRequest, Reply, ServedRequest
@@ -66,14 +73,20 @@ def test_every_request_is_published_once_with_its_reply(row: Request[Any]) -> No
     server = Server(row)
     sent = row.message.from_dict(full(row.message))
     reply = Reply(accepted=False, code="force", text="too much", value=61.5, limit=60.0)
-    server.serve(encode_record(sent, server.address, "a program"), reply=reply)
+    envelope = Envelope(
+        topic=server.address, sender="a program", boot=server.clock.boot,
+        stamp_ns=server.clock.now_ns() - NS_PER_S, wait_s=3.0,
+    )  # fmt: skip
+    server.serve(encode_record(sent, envelope), reply=reply)
     (served,) = server.published()
     assert (served.request, served.sender, served.reply) == (row.key, "a program", reply)
     assert (served.received_ns, served.fault) == (server.clock.now_ns(), "")
     assert served.payload == sent.as_json()
-    assert request_data(served, server.address)
-    again = decode_record(request_data(served, server.address), row.message, server.address)
-    assert again == sent
+    later = ManualClock(9 * NS_PER_S, boot="another")
+    data = request_data(served, server.address, later)
+    assert decode_record(data, row.message) == sent
+    again = envelope.replaced(boot=later.boot, stamp_ns=8 * NS_PER_S)
+    assert decode_envelope(data, server.address) == again  # as old as it was
 
 
 @each_row
@@ -85,9 +98,9 @@ def test_a_request_out_of_a_message_has_the_fields_that_were_sent(
     server = Server(row)
     message: Any = row.message
     sent: Record = data.draw(records(message))
-    server.serve(encode_record(sent, server.address))
+    server.serve(encode_record(sent))
     (served,) = server.published()
-    assert decode_record(request_data(served, server.address), row.message) == sent
+    assert decode_record(request_data(served, "", server.clock), row.message) == sent
 
 
 @given(st.binary(max_size=1000))
@@ -97,7 +110,7 @@ def test_bytes_that_are_no_request_are_kept_as_they_were(data: bytes) -> None:
     server.serve(data)
     (served,) = server.published()
     if served.fault:
-        assert request_data(served, server.address) == data
+        assert request_data(served, server.address, server.clock) == data
         assert served.reply is not None
         assert served.reply.code == "malformed"
 
@@ -120,7 +133,7 @@ def test_the_longest_texts_fit_in_a_message(
     """Of any characters: a control loop never fails because of a long request."""
     server = Server(topics.HOLD)
     answer = Reply(accepted=True, code=code[:100], text=reply)
-    server.serve(encode_record(HoldRequest(reason=reason), "", sender), reply=answer)
+    server.serve(encode_record(HoldRequest(reason=reason), Envelope(sender=sender)), reply=answer)
     assert len(server.published()) == 1
 
 
@@ -128,7 +141,7 @@ def test_texts_of_four_bytes_per_character_fit() -> None:
     """The largest request, reply and sender that can be decoded."""
     server, text = Server(topics.HOLD), "\U0001f916" * 500
     server.serve(
-        encode_record(HoldRequest(reason=text), "", text[:400]),
+        encode_record(HoldRequest(reason=text), Envelope(sender=text[:400])),
         reply=Reply(accepted=True, text=text),
     )
     (served,) = server.published()
@@ -145,7 +158,7 @@ def test_a_request_that_is_too_long_is_left_out_and_its_length_is_published() ->
     assert served.payload == ""
     assert served.payload_bytes > 3000
     with pytest.raises(DataError, match=r"request/calibration of 30\d\d bytes is longer than"):
-        request_data(served, server.address)
+        request_data(served, server.address, server.clock)
 
 
 def test_a_sender_that_is_no_text_is_none() -> None:
@@ -263,21 +276,7 @@ def test_a_payload_that_is_no_map_is_an_error_when_it_is_sent_again() -> None:
     """An altered recording ends in a message, not in a traceback."""
     for payload in ("[1]", "{", "7"):
         with pytest.raises(DataError, match="request/hold: its payload cannot be read"):
-            request_data(
-                ServedRequest(request="request/hold", payload=payload), "demo/request/hold"
-            )
+            request_data(ServedRequest(request="request/hold", payload=payload), "", ManualClock())
+    served = ServedRequest(request="request/hold", payload="zz", fault="no map")
     with pytest.raises(DataError, match="request/hold"):
-        request_data(
-            ServedRequest(request="request/hold", payload="zz", fault="no map"), "demo/request/hold"
-        )
-
-
-def test_an_inbox_without_a_publisher_serves_all_the_same() -> None:
-    """As in a test of a single queue."""
-    transport = MemoryTransport()
-    call = MemoryCall(b"\x80")
-    source = transport.serve("demo/request/clear")
-    source.waiting.append(call)
-    for incoming in Inbox(topics.CLEAR, source, cell="demo").take_all():
-        incoming.reply(Reply(accepted=True))
-    assert call.reply is not None
+        request_data(served, "", ManualClock())

@@ -21,7 +21,7 @@ from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 from tests.fakes.arbiter_world import CELL, T_START, World, with_fault
 from tests.fakes.line import Line
-from tests.unit.forcemesh.test_bus_inbox import bus_of
+from tests.unit.forcemesh.test_inbox import bus_of
 
 LIMITS = Limits.of(CELL)
 JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)

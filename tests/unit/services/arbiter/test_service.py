@@ -7,7 +7,7 @@ from common.bus.memory_bus import MemoryCall
 from common.config.load import cell_hash
 from forcemesh import topics
 from forcemesh.bus import Origin
-from forcemesh.codec import decode_record, encode_record, pack
+from forcemesh.codec import Envelope, decode_record, encode_record, pack
 from forcemesh.messages import (
     ArbiterState,
     Health,
@@ -125,8 +125,12 @@ UNREADABLE_HOLDS = {
     "nested": b"\x91" * 3000,
     "another schema version": pack({"v": 1, "topic": "request/hold"}),
     "a version to come": pack({"v": 4, "reason": "stop"}),
-    "written for another cell": encode_record(HoldRequest(), f"other/{topics.HOLD.key}"),
-    "written for another request": encode_record(Empty(), f"{CELL.cell}/{topics.ARM.key}"),
+    "written for another cell": encode_record(
+        HoldRequest(), Envelope(topic=f"other/{topics.HOLD.key}")
+    ),
+    "written for another request": encode_record(
+        Empty(), Envelope(topic=f"{CELL.cell}/{topics.ARM.key}")
+    ),
     "a reason of 5000 characters": msgpack.packb({"reason": "x" * 5000}),
     "a reason of 501 characters": pack({"reason": "x" * 501}),
     "a reason that is a number": pack({"reason": 7}),

@@ -3,6 +3,8 @@
 One table of exceptions gives the exit codes of all verbs.
 """
 
+import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -195,10 +197,18 @@ def cell_of(named: Path | None) -> "Iterator[ConfiguredCell]":
     with (
         one_line_errors(),
         ConfiguredCell(
-            live_cell(named), commander="operator", patience_s=CONNECT_PATIENCE_S
+            live_cell(named),
+            commander="operator",
+            patience_s=CONNECT_PATIENCE_S,
+            client=name_of_this_user(),
         ) as cell,
     ):
         yield cell
+
+
+def name_of_this_user() -> str:
+    """Return user and host: what one verb starts, the next one of the same person may change."""
+    return f"user {os.getuid()} at {socket.gethostname()}"
 
 
 def confirmed(question: str, *, yes: bool) -> None:

@@ -153,6 +153,10 @@ def force_gains(
     torque_p: Annotated[str | None, _gain("rad/(N m)")] = None,
     torque_i: Annotated[str | None, _gain("rad/(N m s)")] = None,
     preset: PresetOption = None,
+    accept_unstable: Annotated[
+        bool,
+        Option("--accept-unstable", help="Also gains that are unstable at the stiffest contact."),
+    ] = False,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
@@ -167,6 +171,7 @@ def force_gains(
         force_i_m_per_Ns=parse_gain(force_i, "m/(N s)"),
         torque_p_rad_per_Nm=parse_gain(torque_p, "rad/(N m)"),
         torque_i_rad_per_Nms=parse_gain(torque_i, "rad/(N m s)"),
+        accept_unstable=accept_unstable,
     )
     with cell_of(cell) as client:
         reply = client.force.ask_gains(request)

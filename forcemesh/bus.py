@@ -5,16 +5,17 @@ inside one process on a virtual clock (`common.bus.memory_bus`). Services do not
 """
 
 import secrets
+import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
-from forcemesh.clock import Clock
+from forcemesh.clock import Clock, wait_until
 from forcemesh.codec import Envelope, Header, decode_record, encode, encode_record
 from forcemesh.errors import BusError, LostError
 from forcemesh.inbox import Call, CallSource, Inbox, Incoming
-from forcemesh.messages import Message
+from forcemesh.messages import Health, Message
 from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
 from forcemesh.records import Record
 from forcemesh.requests import Reply
@@ -42,6 +43,7 @@ __all__ = [
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
+HEALTH_POLL_S = 0.02
 STAMPS_KEPT = 256  # of the last messages of a publisher: a minute of health
 
 
@@ -139,8 +141,11 @@ class Bus:
     timing: Timing
     clock: Clock
     epoch: int = field(default_factory=lambda: secrets.randbits(62))
+    client: str = field(default_factory=lambda: secrets.token_hex(4))  # owner of what it starts
     _served: ServedRequests | None = field(default=None, init=False)
     _health: Publisher[Any] | None = field(default=None, init=False)
+    _elsewhere: dict[str, Reader[Health]] = field(default_factory=dict, init=False)  # by server
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     @property
     def requests_served(self) -> int | None:
@@ -193,28 +198,42 @@ class Bus:
             status=lambda: self._health,
         )  # fmt: skip
 
-    def ask(
-        self,
-        request: Request[Q],
-        message: Q,
-        timeout_s: float = 2.0,
-        *,
-        status: Header | None = None,
-    ) -> Reply:
-        """Send a request and return the reply. Raise BusError after the timeout.
+    def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
+        """Send a request and return the reply; the server executes it only within the timeout.
 
-        Args:
-            request: Row of the table.
-            message: The request.
-            timeout_s: Longest wait for the reply; a server executes nothing older.
-            status: Newest health of the server; a server on another clock needs it.
+        A server on another clock refuses the first one, which is repeated with its newest health:
+        so no request on one host, and no hold, waits for a health.
+
+        Raises BusError after the timeout.
         """
         if self.role != CLIENT:
             raise BusError(f"only clients send requests, {self.role} is not a client")
+        server, status = request.server, self._health_elsewhere(request.server)
+        reply = self._ask_once(request, message, timeout_s, status)
+        if reply.code != "late" or status is not None:
+            return reply
+        reader = self.reader(HEALTH[server])
+        wait_until(self.clock, reader.poll, within_s=timeout_s, poll_s=HEALTH_POLL_S)
+        status = reader.read(self.clock.now_ns()).header
+        if status is None or status.boot == self.clock.boot:
+            return reply
+        self._elsewhere[server] = reader
+        return self._ask_once(request, message, timeout_s, status)
+
+    def _health_elsewhere(self, server: str) -> Header | None:
+        """Return the newest health of a server on another clock, None on this one."""
+        with self._lock:
+            reader = self._elsewhere.get(server)
+            return None if reader is None else reader.read(self.clock.now_ns()).header
+
+    def _ask_once(
+        self, request: Request[Q], message: Q, timeout_s: float, status: Header | None
+    ) -> Reply:
         key = f"{self.cell}/{request.key}"
         envelope = Envelope(
             topic=key,
             sender=name_of_this_process(),
+            client=self.client,
             boot=self.clock.boot,
             stamp_ns=self.clock.now_ns(),
             wait_s=timeout_s,

@@ -52,6 +52,7 @@ class Envelope(Version):
     """First fields of a request. A third-party client may omit each of them."""
 
     sender: str = ""  # program, process and host, by its own account
+    client: str = ""  # owner of what it starts, by its own account
     boot: str = ""  # identity of the clock of the stamp; empty: the age is unknown
     stamp_ns: int = 0  # when it was sent
     # How long the client waits for the reply; a request that is older is not executed.

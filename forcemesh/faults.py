@@ -109,7 +109,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(502, "regulator",         "HOLD",    "the regulator stopped on its own", "fix what its reason names, then start it again"),
     FaultCode(503, "not_armed",         "REFUSAL", "the arm is not armed", "arm first"),
     FaultCode(504, "already",           "REFUSAL", "already in the requested state", "nothing to do"),
-    FaultCode(505, "busy",              "REFUSAL", "a commander of the same or a higher rank controls the arm", "wait, or stop it first"),
+    FaultCode(505, "busy",              "REFUSAL", "a commander of the same or a higher rank controls the arm, or force control belongs to another client", "wait, or stop it first: `forcemesh force stop`, `forcemesh hold`"),
     FaultCode(506, "state",             "REFUSAL", "not possible in this state", "follow the next step in `forcemesh status`"),
     FaultCode(507, "malformed",         "REFUSAL", "the request is incomplete or malformed", "check the fields of the request"),
     FaultCode(508, "host",              "REFUSAL", "this cell has no such host for force feedback", "choose one of robot.hosts"),
@@ -133,6 +133,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(526, "signal_not_permitted", "REFUSAL", "the signal is an input, or set_by of the cell file does not permit this commander to set it", "change signals.NAME.set_by in the cell file, if that is intended"),
     FaultCode(527, "signal_held",       "REFUSAL", "this output is not set while the robot holds", "arm first; or, where switching it can do no harm, write while_held: true for it"),
     FaultCode(528, "late",              "REFUSAL", "the request is older than its client waits for the reply, or it waited while the process that serves it was stalled: it was not executed", "send it again; if it is late again, see in `forcemesh status` which process or link stalls"),
+    FaultCode(529, "unstable_gains",    "REFUSAL", "the gains make force control unstable at the stiffest contact of the cell file", "lower them; for a softer contact lower contact.stiffness_N_m, or accept them (`forcemesh force gains --accept-unstable`)"),
     # --- 6xx: recordings ---------------------------------------------------------------------------
     FaultCode(601, "recording",         "REFUSAL", "the recorder cannot write: no disk space, or no folder", "free disk space, or set another recorder.folder in the cell file"),
 )}

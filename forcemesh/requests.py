@@ -140,16 +140,28 @@ class PathRequest(Record):
     speed_m_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.02
     accel_m_s2: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.3
     in_contact: bool = True  # pause while there is no contact
+    commander: Asker = "operator"
 
 
 class GainsRequest(Record):
-    """Request to set gains; omitted gains keep their values, or take those of the preset."""
+    """Request to set gains; omitted gains keep their values, or take those of the preset.
+
+    Without any it is a question for the present ones, which every client may ask.
+    """
 
     preset: Preset | None = None
     force_p_m_per_N: tuple[ForceP, ForceP, ForceP] | None = None
     force_i_m_per_Ns: tuple[ForceI, ForceI, ForceI] | None = None
     torque_p_rad_per_Nm: tuple[TorqueP, TorqueP, TorqueP] | None = None
     torque_i_rad_per_Nms: tuple[TorqueI, TorqueI, TorqueI] | None = None
+    accept_unstable: bool = False  # otherwise gains that the gain rule calls unstable are refused
+    commander: Asker = "operator"
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Preset and gains that are set, by name; empty in a question for the present ones."""
+        named = self.replaced(accept_unstable=None, commander=None).as_dict()
+        return {name: value for name, value in named.items() if value is not None}
 
 
 class CalibrationRequest(Record):
@@ -197,6 +209,7 @@ class ServedRequest(Message):
     payload_bytes: int = 0  # length of `payload`, which is empty if it is too long
     fault: Text = ""  # why it cannot be decoded
     received_ns: int = 0  # when the role took it from its queue, before it was served
+    client: Text = ""  # owner of what it starts, by its own account
     age_s: Finite | None = None  # its age then, at most; null: its client stated none
     wait_s: Finite = 0.5  # how long its client waited for the reply
     reply: Reply | None = None

@@ -64,6 +64,7 @@ class ServedRequests:
         served = ServedRequest(
             request=key,
             sender=clipped(envelope.sender, MOST_NAME_B),
+            client=clipped(envelope.client, MOST_NAME_B),
             payload=payload if size <= MOST_PAYLOAD_B else "",
             payload_bytes=size,
             fault=clipped(fault, MOST_NAME_B),
@@ -107,7 +108,9 @@ def request_data(served: ServedRequest, address: str, clock: Clock) -> bytes:
         fields = msgspec.json.decode(served.payload, type=dict[str, Any])
     except ValueError as error:  # msgspec's too
         raise DataError(f"{served.request}: its payload cannot be read: {error}") from error
-    envelope = Envelope(topic=address, sender=served.sender, wait_s=served.wait_s)
+    envelope = Envelope(
+        topic=address, sender=served.sender, client=served.client, wait_s=served.wait_s
+    )
     if served.age_s is not None:
         stamp_ns = clock.now_ns() - round(served.age_s * NS_PER_S)
         envelope = envelope.replaced(boot=clock.boot, stamp_ns=stamp_ns)

@@ -8,7 +8,7 @@ from typing import Any
 from forcemesh.connection import Reachable
 from forcemesh.errors import ConfigError
 from forcemesh.identity import identity_of, is_encrypted, refuse_in_the_clear
-from forcemesh.topics import HELPERS
+from forcemesh.topics import CLIENT, HELPERS
 
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 ENDPOINT = r"[a-z-]+/\S+"
@@ -79,6 +79,11 @@ def security_of(cell: Reachable, role: str, endpoint: str) -> Mapping[str, objec
     """Return Zenoh's settings of a role's certificate; empty when none is required."""
     refuse_in_the_clear(cell, endpoint)
     return identity_of(cell, role).settings() if is_encrypted(endpoint) else {}
+
+
+def certificate_name(cell: Reachable) -> str:
+    """Return the name of a client's certificate, empty on a bus without certificates."""
+    return identity_of(cell, CLIENT).name if is_encrypted(endpoint_of(cell)) else ""
 
 
 def session_settings(

@@ -11,9 +11,10 @@ from common.motion.back_off import (
     SPEED_M_S,
     RISE_Nm,
 )
+from common.motion.permission import RANKS
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE
-from services.arbiter.commanders import RANKS, REST_S, SETTLE_WITHIN_S
+from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
 from services.arbiter.states import CLEARS, MEANS, TABLE
 from services.arbiter.stream import REACTIONS, RETREAT_FROM
 
@@ -56,6 +57,8 @@ refused with `busy` and the name of the owner. `hold` is accepted from every cli
   rest within {SETTLE_WITHIN_S:g} s is held (`handover`).
 - The previous owner is notified: the state leaves ACTIVE at once, `trips` contains `preempted` with both
   names while the new owner commands; `next_commander` names the waiting client.
+- Force control has an owner of its own, of a rank and a client ([bus](bus.md#requests)): another client of the same or a
+  lower rank cannot change its set point, gains or path. A move of either rank still takes the arm from it.
 - Interrupted force feedback does not resume automatically: it must be started again.
 - A new start with another host is a hand-over as well.
 

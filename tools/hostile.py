@@ -5,7 +5,7 @@ python -m tools.hostile --endpoint tcp/... --cell NAME
 
 Sends `count` hostile requests and messages to a running cell, first while the arm is armed, then
 while it is held, and requests holds repeatedly. Exit code 1 if a process ended, if the arm
-moved without permission, or if a hold did not work.
+moved without permission, if a late request was executed, or if a hold did not work.
 """
 
 import argparse
@@ -37,6 +37,8 @@ SPEED_M_S = 0.6  # no demo moves so fast; its limit is 0.25 m/s
 HOLD_S = 5.0  # until a hold must be reported, on a loaded machine
 ROUND = 100  # attacks between two tries of hold
 
+LATE_SHARE = 0.1
+ALWAYS = {"request/hold", "request/force/stop"}  # executed at any age
 ENDING = {"request/hold"}  # would end the armed state under attack
 POSE = {"position_m": (0.0, 0.5, 0.4), "orientation_xyzw": (1.0, 0.0, 0.0, 0.0)}
 ANGLES = (0.0, 0.02, 0.0, 0.0, 0.0, 0.0)
@@ -107,7 +109,7 @@ class HostileClient:
         self.rng = random.Random(seed)  # noqa: S311 - attacks that can be repeated
         self.newest: dict[str, dict[str, Any]] = {}
         self.received_s: dict[str, float] = {}
-        self.fastest_m_s = 0.0
+        self.fastest_m_s, self.late_executed = 0.0, 0
         self.replies: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._epochs: set[int] = set()  # of the cell's own publishers: all others are ours
@@ -167,6 +169,9 @@ class HostileClient:
 
     def attack(self, *, forge: bool) -> None:
         """Send one hostile request or message; forged ones may resemble those of a publisher."""
+        if self.rng.random() < LATE_SHARE:
+            self._late()
+            return
         if self.rng.random() < 0.5:
             self._message(forge=forge)
             return
@@ -175,6 +180,14 @@ class HostileClient:
         if key == "request/arm":  # a valid one would correctly be accepted
             data = corrupted({"purpose": "none"}, self.cell, key, self.rng)
         self.ask(key, data, 0.3)
+
+    def _late(self) -> None:
+        """Send a request that its client no longer waits for; count it if it is executed."""
+        key = self.rng.choice(sorted(REQUESTS.keys() - ALWAYS))
+        sent = {"boot": self.newest["arbiter/status"]["boot"], "wait_s": 2.0}
+        sent["stamp_ns"] = time.monotonic_ns() - 3_000_000_000
+        reply = self.ask(key, bytes(msgpack.packb({**REQUESTS[key], **sent})), 0.3)
+        self.late_executed += bool(reply and reply["accepted"])
 
     def _message(self, *, forge: bool) -> None:
         """Publish on a topic of another publisher; unless forged, no reader can accept it."""
@@ -270,6 +283,7 @@ def attack_cell(outsider: HostileClient, count: int) -> dict[str, Any]:
         "moved_while_held_rad": moved_rad,
         "times_armed": armed,
         "fastest_m_s": outsider.fastest_m_s,
+        "late_executed": outsider.late_executed,
         "holds": len(holds),
         "holds_that_worked": sum(holds),
         "replies": dict(outsider.replies),
@@ -283,6 +297,7 @@ def is_unaffected(found: dict[str, Any]) -> bool:
         and not found["unforeseen_errors"]
         and found["moved_while_held_rad"] < MOVED_RAD
         and found["fastest_m_s"] < SPEED_M_S
+        and found["late_executed"] == 0
         and found["holds_that_worked"] == found["holds"]
     )
 

@@ -78,7 +78,7 @@ def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:
 def instability(cell: CellConfig, gains: Gains) -> str:
     """Return the gains that make the loop unstable at the stiffest contact, empty if none does.
 
-    This is a warning, not a refusal: the actual contact may be softer.
+    The actual contact may be softer: a request may accept them.
     """
     tau_s, bandwidth, contact = cell.loop_delay_s, cell.robot.bandwidth_rad_s, cell.contact
     stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad

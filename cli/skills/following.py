@@ -21,7 +21,6 @@ from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import vec3
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
-from forcemesh import topics
 from forcemesh.errors import DataError, NotReachedError
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
@@ -214,7 +213,7 @@ def send_parts(
         while passed < count - 1 and remaining_m[passed] > path_left_m:
             passed += 1
         if sent < count and sent - passed < MOST_QUEUED:
-            cell.ask(topics.FORCE_PATH, part(sent))
+            cell.force.follow(part(sent))
             sent += chunk
         samples.append(monitor.next())
         text = f"following: {samples[-1].press_N:.1f} N"

@@ -126,7 +126,7 @@ class TuningMeasurement:
                     )
                 recorder = MotionRecorder(self._cell)
                 recorder.record_for(REST_S)
-                self._cell.ask(topics.FORCE_PATH, request)
+                self._cell.force.follow(request)
                 self._record_steps(recorder, laps, f"steps in free space, round {len(rounds) + 1}")
                 self.readings.steps = tuple(recorder.axis_steps(axis) for axis in axes)
                 rounds.append(tuple(identify_servo(steps) for steps in self.readings.steps))

@@ -19,6 +19,7 @@ class ConfiguredCell(Cell):
         *,
         commander: Asker = "program",
         patience_s: float = 5.0,
+        client: str = "",
         bus: Bus | None = None,
     ) -> None:
         """Connect, as `Cell`; the facts of the cell are those of the file.
@@ -32,6 +33,7 @@ class ConfiguredCell(Cell):
             self.config,
             commander=commander,
             patience_s=patience_s,
+            client=client,
             bus=bus,
             info=cell_info(self.config),
         )

@@ -13,7 +13,21 @@ from typing import NamedTuple
 
 from forcemesh.bus import Reading
 from forcemesh.faults import FAULTS, clipped, tripped
-from forcemesh.messages import Accepted, RobotCommand, Trip
+from forcemesh.messages import Accepted, Commander, RobotCommand, Trip
+
+# fmt: off
+RANKS: dict[Commander, int] = {
+    "none":      0,  # no commander
+    "regulator": 1,  # force feedback, started by any client
+    "program":   2,  # a script
+    "operator":  3,  # a person
+}
+# fmt: on
+
+
+def outranks(asker: Commander, holder: Commander) -> bool:
+    """Return whether a commander may take the arm from its holder."""
+    return RANKS[asker] > RANKS[holder]
 
 
 class GateDecision(NamedTuple):

@@ -45,6 +45,7 @@ from forcemesh.requests import (
 from forcemesh.schema import ask_for_description
 from forcemesh.topics import CLIENT, Request, Topic
 from forcemesh.zenoh_session import open_session
+from forcemesh.zenoh_settings import certificate_name
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
@@ -70,6 +71,7 @@ class Cell:
         *,
         commander: Asker = "program",
         patience_s: float = 5.0,
+        client: str = "",
         bus: Bus | None = None,
         info: CellInfo | None = None,
     ) -> None:
@@ -81,6 +83,8 @@ class Cell:
             name: Name of the cell at that endpoint.
             commander: Rank of motion requests: an `operator` preempts a program.
             patience_s: Longest wait for the hub [s].
+            client: Name under which it owns force control, on a bus without certificates; default:
+                a number drawn for this connection. With a certificate it is that one's name.
             bus: An open client bus, for instance in virtual time.
             info: Facts of the cell; default: those that its hub reports.
 
@@ -95,6 +99,7 @@ class Cell:
                 transport = self._exits.enter_context(open_session(reached, CLIENT, patience_s))
                 info = info or ask_for_info(transport, reached.cell)
                 bus = Bus(CLIENT, reached.cell, transport, info, MonotonicClock())
+                bus.client = certificate_name(reached) or client or bus.client
             self.info = info or ask_for_info(bus.transport, reached.cell)
         except BaseException:
             self._exits.close()

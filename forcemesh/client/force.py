@@ -45,7 +45,8 @@ class PressResult:
 class Force:
     """`cell.force`. Arguments omitted in a start take their defaults, not their previous values.
 
-    Only gains keep the values set last, also by a preset.
+    Only gains keep the values set last, also by a preset. The client that starts force feedback
+    owns it until it ends: another one may stop it, and only a higher rank may change it (`busy`).
     """
 
     def __init__(self, session: ClientSession) -> None:
@@ -138,7 +139,7 @@ class Force:
         request = PathRequest(
             points_m=points_m, speed_m_s=speed_m_s, append=append, in_contact=in_contact
         )
-        return self._session.ask(topics.FORCE_PATH, request)
+        return self.follow(request)
 
     def path_of_poses(
         self,
@@ -165,7 +166,12 @@ class Force:
         request = PathRequest(
             poses=poses, speed_m_s=speed_m_s, blend_m=blend_m, append=append, in_contact=in_contact
         )
-        return self._session.ask(topics.FORCE_PATH, request)
+        return self.follow(request)
+
+    def follow(self, request: PathRequest) -> Reply:
+        """Follow a path with a complete request."""
+        owned = request.replaced(commander=self._session.commander)
+        return self._session.ask(topics.FORCE_PATH, owned)
 
     def gains(
         self,
@@ -175,11 +181,13 @@ class Force:
         force_i_m_per_Ns: Gain3 | None = None,
         torque_p_rad_per_Nm: Gain3 | None = None,
         torque_i_rad_per_Nms: Gain3 | None = None,
+        accept_unstable: bool = False,
     ) -> Gains:
         """Set gains about the base axes x, y, z and return all gains; they ramp while it runs.
 
         Omitted gains keep their values, or take those of the preset. Without arguments the present
-        gains are returned.
+        gains are returned. Those that are unstable at the cell file's stiffest contact are refused
+        unless they are accepted.
         """
         request = GainsRequest(
             preset=preset,
@@ -187,6 +195,7 @@ class Force:
             force_i_m_per_Ns=force_i_m_per_Ns,
             torque_p_rad_per_Nm=torque_p_rad_per_Nm,
             torque_i_rad_per_Nms=torque_i_rad_per_Nms,
+            accept_unstable=accept_unstable,
         )
         gains = self.ask_gains(request).gains
         if gains is None:
@@ -195,7 +204,8 @@ class Force:
 
     def ask_gains(self, request: GainsRequest) -> Reply:
         """Set gains with a complete request; the reply holds all gains."""
-        return self._session.ask(topics.GAINS, request)
+        owned = request.replaced(commander=self._session.commander)
+        return self._session.ask(topics.GAINS, owned)
 
     def press(
         self,

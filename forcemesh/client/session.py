@@ -32,7 +32,6 @@ class ClientSession:
         self.roles = RoleHealth(bus, info)
         self._lock = threading.Lock()
         self._feeds: dict[str, Feed[Any]] = {}
-        self._elsewhere: set[str] = set()  # servers with another clock
 
     @property
     def clock(self) -> Clock:
@@ -65,7 +64,7 @@ class ClientSession:
         request_in_bounds(message)
         give_up_ns = self.clock.now_ns() + round(within_s * NS_PER_S)
         try:
-            while not (reply := self._ask_once(request, message, answer_s)).accepted:
+            while not (reply := self.bus.ask(request, message, answer_s)).accepted:
                 if reply.code not in TRANSIENT or self.clock.now_ns() >= give_up_ns:
                     code, text, remedy = reply.code, reply.text, remedy_of(reply.code)
                     raise RefusedError(
@@ -75,22 +74,6 @@ class ClientSession:
         except BusError as error:
             raise self.lost(str(error)) from error
         return reply
-
-    def _ask_once(self, request: Request[Q], message: Q, answer_s: float) -> Reply:
-        """Send a request once, with the newest health of its server where that has another clock.
-
-        Whether it has is learned from the first `late`: no request on one host waits for a health.
-        """
-        feed = self.roles.feeds[request.server]
-        status = feed.reading().header if request.server in self._elsewhere else None
-        reply = self.bus.ask(request, message, answer_s, status=status)
-        if reply.code != "late" or request.server in self._elsewhere:
-            return reply
-        status = feed.wait(answer_s).header
-        if status is None or status.boot == self.clock.boot:
-            return reply
-        self._elsewhere.add(request.server)
-        return self.bus.ask(request, message, answer_s, status=status)
 
     def lost(self, text: str) -> LostError:
         """Return the exception of a missing message or reply: it names the silent services."""

@@ -13,6 +13,7 @@ from common.motion.convert import pose_of, record_of
 from common.motion.joint_paths import move_obstacle
 from common.motion.joint_space import JointSpace, JointStream
 from common.motion.limits import ArmBounds, check_speed
+from common.motion.permission import outranks
 from common.motion.rate_limiter import CommandedMotion, at_rest, brake
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import refusal, refused, tripped
@@ -31,21 +32,8 @@ from forcemesh.messages import (
 from forcemesh.requests import Reply
 from services.arbiter.stream import SampleClock, Tick, follow, released
 
-# fmt: off
-RANKS: dict[Commander, int] = {
-    "none":      0,  # no commander
-    "regulator": 1,  # force feedback, started by any client
-    "program":   2,  # a script
-    "operator":  3,  # a person
-}
-# fmt: on
 REST_S = 0.1  # time at rest before a hand-over, besides three of the robot's reports
 SETTLE_WITHIN_S = 3.0  # longest time from the request to the arm at rest
-
-
-def outranks(asker: Commander, holder: Commander) -> bool:
-    """Return whether a commander may take the arm from its holder."""
-    return RANKS[asker] > RANKS[holder]
 
 
 @dataclass(slots=True)

@@ -1,6 +1,7 @@
 """Bus client of the panel: connected only while a page is open."""
 
 import math
+import socket
 import threading
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +23,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 
+PANEL_CLIENT = f"panel at {socket.gethostname()}"  # also after a reconnection or a restart
 RECONNECT_S = 1.0  # between two attempts to reach the hub
 
 
@@ -104,7 +106,9 @@ class CellMonitor:
 
     def _open(self) -> None:
         try:
-            client = ConfiguredCell(self.cell, commander="operator", patience_s=0.0)
+            client = ConfiguredCell(
+                self.cell, commander="operator", patience_s=0.0, client=PANEL_CLIENT
+            )
         except BusError as error:
             self._fault = str(error)
             self._try_at_ns = self.clock.now_ns() + round(RECONNECT_S * NS_PER_S)

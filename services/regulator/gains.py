@@ -51,8 +51,7 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
-    named = change.replaced(preset=None).as_dict()
-    return gains.replaced(**{name: value for name, value in named.items() if value is not None})
+    return gains.replaced(**{k: v for k, v in change.changes.items() if k != "preset"})
 
 
 def held_gains(gains: Gains, task: AxisTask, R_base_task: Rows) -> Gains:

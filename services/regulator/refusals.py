@@ -9,18 +9,26 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
+from common.motion.permission import outranks
 from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
 from forcemesh.force_task import AXIS_NAMES
-from forcemesh.messages import ArbiterStatus, WrenchAtTcp
-from forcemesh.requests import LARGEST_BETWEEN_RAD, ForceStartRequest, PathRequest, Reply
+from forcemesh.messages import ArbiterStatus, Gains, WrenchAtTcp
+from forcemesh.requests import (
+    LARGEST_BETWEEN_RAD,
+    ForceStartRequest,
+    GainsRequest,
+    PathRequest,
+    Reply,
+)
 from services.regulator.laws import LAWS
 from services.regulator.path_request import largest_turn
 from services.regulator.pose_path import PosePath
-from services.regulator.session import ForceSession, active_commander
+from services.regulator.session import ForceOwner, ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 from services.regulator.task_request import complying
 from services.regulator.tcp_path import MOST_PATH_POINTS, TcpPath
+from tuning.gain_rule import instability
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
@@ -67,6 +75,28 @@ def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Reply | No
         text = f"the {commander} commands the arm: wait for the move to end, or hold"
         return refusal("busy", text)
     return refusal(worse.code, worse.fault) if worse.fault else None
+
+
+def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Reply | None:
+    """Return why a client may not change force control, None when it may.
+
+    The owner may, and a higher rank, which then owns it. A session that failed has ended.
+    """
+    if session is None or session.failed is not None or asker == session.owner:
+        return None
+    if outranks(asker.commander, session.owner.commander):
+        return None
+    return refusal("busy", f"force control belongs to the {session.owner}, not to the {asker}")
+
+
+def refused_gains(request: GainsRequest, gains: Gains, cell: CellConfig) -> Reply | None:
+    """Return why new gains are refused, None when they are not."""
+    text = instability(cell, gains)
+    return (
+        None
+        if not text or request.accept_unstable or not request.changes
+        else refusal("unstable_gains", text)
+    )
 
 
 def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:

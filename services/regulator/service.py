@@ -1,19 +1,21 @@
 """Regulator service: wrench and robot state in, proposed flange pose out."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import hypot
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import dot, product, rotated, rotated_back, scaled
+from common.motion.frames import rotated, rotated_back, scaled
 from common.motion.joint_paths import tool_path_refusal
 from common.motion.joint_space import JointSpace
 from forcemesh import topics
-from forcemesh.bus import Bus, Reading
+from forcemesh.bus import Bus, Incoming, Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import refusal
 from forcemesh.messages import (
@@ -27,9 +29,9 @@ from forcemesh.messages import (
     Trip,
     WrenchAtTcp,
 )
-from forcemesh.requests import ForceStartRequest, PathRequest, Reply
+from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest, Reply
 from services.regulator.adaptive import ContactStiffness
-from services.regulator.axis_task import IDENTITY, AxisTask
+from services.regulator.axis_task import AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, axis_states
 from services.regulator.contact_events import ContactTracker
 from services.regulator.delay_watch import (
@@ -50,36 +52,35 @@ from services.regulator.guards import (
 from services.regulator.law import LawInput, back_calculate, start_at
 from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
-from services.regulator.path_request import (
-    next_path,
-    tool_poses,
-    turn_limits,
-)
+from services.regulator.path_request import next_path, tool_poses, turn_limits
 from services.regulator.refusals import (
     refused_axes,
+    refused_gains,
     refused_guide,
+    refused_owner,
     refused_path,
     refused_start,
 )
 from services.regulator.session import (
+    ForceOwner,
     ForceSession,
+    SetpointRamp,
     active_commander,
     borne_share,
     change_task,
     describe,
     move,
+    ramped_task,
 )
 from services.regulator.task_refusals import refused_task
-from services.regulator.task_request import (
-    first_setpoint,
-    ramped,
-    request_task,
-)
-from services.regulator.tcp_path import tangent_frame
+from services.regulator.task_request import first_setpoint, request_task
 from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
+OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequest)
+
 STOPPED = "stopped"
+STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
 LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
@@ -110,6 +111,7 @@ class Regulator:
         self._late_report_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
+        self._ramp = SetpointRamp.of(cell, self._settings["plain"].approach_m_s)
         self._compliance = ComplianceSettings.of(cell)
         self._guards = GuardSettings.of(cell)
         self._delay = DelayWatchSettings.of(cell)
@@ -151,19 +153,7 @@ class Regulator:
         """Serve requests, integrate the newest wrench, publish the target."""
         self._now_ns = now_ns
         wrench, robot = self._wrench.read(now_ns), self._robot.read(now_ns)
-        for start in self._starts.take_all():
-            start.reply(self._start(start.request, wrench, robot))
-        for stop in self._stops.take_all():
-            self._end(STOPPED)
-            stop.reply(
-                Reply(accepted=True, text="force feedback is off; the arm stays where it is")
-            )
-        for change in self._gain_requests.take_all():
-            self._use_gains(merged_gains(self._gains, change.request, self._cell))
-            text = instability(self._cell, self._gains)
-            change.reply(Reply(accepted=True, text=text, gains=self._gains))
-        for path in self._paths.take_all():
-            path.reply(self._follow_path(path.request))
+        self._serve(wrench, robot)
         if self._session is not None:  # it ends when the arbiter holds, and does not resume
             status = self._arbiter.read(now_ns)
             if (arbiter := status.fresh) is None:
@@ -175,6 +165,18 @@ class Regulator:
             elif commander := active_commander(arbiter):
                 self._end(f"the {commander} commands the arm")
         self._publish(wrench, robot)
+
+    def _serve(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
+        for start in self._starts.take_all():
+            start.reply(self._owned(start, partial(self._start, wrench=wrench, robot=robot)))
+        for stop in self._stops.take_all():
+            self._end(STOPPED)
+            stop.reply(STOPPED_REPLY)
+        for change in self._gain_requests.take_all():
+            reply = self._owned(change, self._change_gains, is_free=not change.request.changes)
+            change.reply(reply.replaced(gains=self._gains))
+        for path in self._paths.take_all():
+            path.reply(self._owned(path, self._follow_path))
 
     def _publish(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
         self._target.put(self._propose(wrench, robot), wrench.origin)
@@ -287,7 +289,7 @@ class Regulator:
             pose = command.pose
             if command.limited:
                 before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
-        session.task = self._ramped_task(session, dt_s)
+        session.task = ramped_task(session, dt_s, self._gains, self._ramp)
         if session.gains is not self._pi_gains:
             session.gains = session.gains.ramped(self._pi_gains, dt_s)
         gain_share = borne_share(
@@ -323,27 +325,30 @@ class Regulator:
             self._touched = wrench.calibration.removesuffix(TARED)
         return trip
 
-    def _ramped_task(self, session: ForceSession, dt_s: float) -> AxisTask:
-        """Return the task of this sample, with a smaller press while a controller approaches.
+    def _owned(
+        self, incoming: Incoming[OwnedRequest], execute: Callable[[OwnedRequest], Reply],
+        *, is_free: bool = False,
+    ) -> Reply:  # fmt: skip
+        """Execute a request of the owner of force control, or of a higher rank, which takes it.
 
-        The controller has no approach speed: without contact it moves at gain times set point, also
-        while no wrench is received. This limits it to the approach speed of the law on the PC.
+        A free one, such as a question, changes nothing: every client may send it.
         """
-        goal = session.goal
-        if session.path is not None and session.follows_tangent:
-            T = session.motion.T_base_tcp
-            ahead = session.path.ahead(T)
-            R = tangent_frame(goal.R_task or IDENTITY, ahead, T.rotation, dt_s)
-            goal = session.goal = replace(goal, R_task=R)
-        if session.request.host == "controller" and session.motion.contact == "approach":
-            R = goal.R_base_task(session.motion.T_base_tcp.rotation.tolist())
-            press_axis = rotated(R, goal.press_axis)
-            Ki = (session.sent or self._gains).force_i_m_per_Ns
-            gain = dot(product(press_axis, press_axis), Ki)
-            if gain > 0.0 and goal.press_N > 0.0:
-                most_N = self._settings["plain"].approach_m_s / gain
-                goal = replace(goal, force_N=scaled(goal.press_axis, min(goal.press_N, most_N)))
-        return ramped(session.task, goal, self._cell.force.setpoint_ramp_N_s * dt_s)
+        if is_free:
+            return execute(incoming.request)
+        asker = ForceOwner(incoming.request.commander, incoming.envelope.client)
+        if (reply := refused_owner(self._session, asker)) is not None:
+            return reply
+        reply = execute(incoming.request)
+        if reply.accepted and self._session is not None:
+            self._session.owner = asker
+        return reply
+
+    def _change_gains(self, request: GainsRequest) -> Reply:
+        gains = merged_gains(self._gains, request, self._cell)
+        if (refused := refused_gains(request, gains, self._cell)) is not None:
+            return refused
+        self._use_gains(gains)
+        return Reply(accepted=True, text=instability(self._cell, gains))
 
     def _use_gains(self, gains: Gains) -> None:
         self._gains, self._pi_gains = gains, PiGains.of(gains)

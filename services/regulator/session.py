@@ -1,15 +1,18 @@
 """Session of force feedback: its request, its state and its failure. Pure."""
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import pinocchio as pin
 
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
+from common.motion.frames import dot, product, rotated, scaled
 from forcemesh.codec import Header
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
     ArbiterStatus,
+    Asker,
     AxisState,
     Gains,
     Mode,
@@ -19,7 +22,7 @@ from forcemesh.messages import (
 )
 from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
-from services.regulator.axis_task import AxisTask
+from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
 from services.regulator.delay_watch import DelayWatch, DelayWatchSettings
 from services.regulator.gains import PiGains
@@ -28,9 +31,25 @@ from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import Path
-from services.regulator.task_request import next_setpoint, same_frame, task_mode
+from services.regulator.task_request import next_setpoint, ramped, same_frame, task_mode
+from services.regulator.tcp_path import tangent_frame
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
+
+
+@dataclass(frozen=True, slots=True)
+class ForceOwner:
+    """Client that force control belongs to, from its start to its end."""
+
+    commander: Asker
+    client: str  # name of its certificate, else of its connection; by its own account
+
+    def __str__(self) -> str:
+        """Return rank and name."""
+        return f"{self.commander} {self.client or 'without a name'}"
+
+
+NEW = ForceOwner("operator", "")  # until its start is accepted
 
 
 @dataclass(slots=True)
@@ -49,6 +68,7 @@ class ForceSession:
     watch: GuardState
     compliance: ComplianceState
     commanded: CommandHistory  # recent commands, with the PC as host
+    owner: ForceOwner = NEW
     axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
     delay: DelayWatch = field(default_factory=DelayWatch)
     sent_share: float = 1.0  # of the gains sent to the controller
@@ -114,6 +134,47 @@ def move(
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)
             session.motion.follows = False
+
+
+class SetpointRamp(NamedTuple):
+    """Change of a set point in one second, and the speed of an approach."""
+
+    N_s: float
+    approach_m_s: float
+
+    @classmethod
+    def of(cls, cell: CellConfig, approach_m_s: float) -> "SetpointRamp":
+        """Return those of a cell."""
+        return cls(cell.force.setpoint_ramp_N_s, approach_m_s)
+
+
+def ramped_task(session: ForceSession, dt_s: float, gains: Gains, ramp: SetpointRamp) -> AxisTask:
+    """Return the task of this sample, with a smaller press while a controller approaches.
+
+    The controller has no approach speed: without contact it moves at gain times set point, also
+    while no wrench is received. This limits it to the approach speed of the law on the PC.
+
+    Args:
+        session: Its task frame follows the path, if it does.
+        dt_s: Time since the last sample.
+        gains: As requested.
+        ramp: Of the set points.
+    """
+    goal = session.goal
+    if session.path is not None and session.follows_tangent:
+        T = session.motion.T_base_tcp
+        ahead = session.path.ahead(T)
+        R = tangent_frame(goal.R_task or IDENTITY, ahead, T.rotation, dt_s)
+        goal = session.goal = replace(goal, R_task=R)
+    if session.request.host == "controller" and session.motion.contact == "approach":
+        R = goal.R_base_task(session.motion.T_base_tcp.rotation.tolist())
+        press_axis = rotated(R, goal.press_axis)
+        Ki = (session.sent or gains).force_i_m_per_Ns
+        gain = dot(product(press_axis, press_axis), Ki)
+        if gain > 0.0 and goal.press_N > 0.0:
+            most_N = ramp.approach_m_s / gain
+            goal = replace(goal, force_N=scaled(goal.press_axis, min(goal.press_N, most_N)))
+    return ramped(session.task, goal, ramp.N_s * dt_s)
 
 
 def borne_share(

@@ -189,6 +189,11 @@ class _GainsForm:
             )
             for field, label, _ in GAIN_ROWS
         }
+        self._accepts = gui.add_checkbox(
+            "Accept unstable gains",
+            initial_value=False,
+            hint="At the stiffest contact of the cell file.",
+        )
         viewer.button(
             "Read", lambda: viewer.do("Gains", self._read), icon=viser.Icon.REFRESH, color="gray"
         )
@@ -233,7 +238,8 @@ class _GainsForm:
         return self._set(cell, request)
 
     def _set(self, cell: Cell, request: dict[str, Any]) -> str:
-        reply = cell.force.ask_gains(GainsRequest(**request))
+        asked = GainsRequest(**request, accept_unstable=bool(self._accepts.value))
+        reply = cell.force.ask_gains(asked)
         if reply.gains is not None:
             self._show(reply.gains)
         warning = f"\n⚠ {reply.text}" if reply.text else ""

@@ -7,12 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.config.info import cell_info
 from common.config.load import load_cell
 from common.runtime.signal_service import SignalReading, SignalService
 from forcemesh import topics
 from forcemesh.bus import Bus
-from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import Envelope, decode, decode_record, encode_record
 from forcemesh.errors import BusError
@@ -83,11 +81,6 @@ class Server:
         call = MemoryCall(encode_record(message, envelope))
         self.transport.serve(f"{CELL.cell}/{self.row.key}").waiting.append(call)
         return call
-
-    def session(self, clock: ManualClock) -> ClientSession:
-        """Return a client on a clock."""
-        bus = Bus(CLIENT, CELL.cell, self.transport, CELL, clock)
-        return ClientSession(bus, cell_info(CELL), "operator")
 
 
 def answer(call: MemoryCall) -> Reply:
@@ -161,9 +154,9 @@ def test_a_request_from_another_clock_that_names_no_status_of_this_server_is_lat
 def test_a_client_on_another_clock_names_the_status_that_it_has_received() -> None:
     """Its first request is refused, and repeated with the health that it then receives."""
     server = Server(topics.CLEAR)
-    session = server.session(server.elsewhere)
-    assert session.ask(topics.CLEAR, Empty()).accepted
-    assert session.ask(topics.CLEAR, Empty()).accepted
+    client = Bus(CLIENT, CELL.cell, server.transport, CELL, server.elsewhere)
+    assert client.ask(topics.CLEAR, Empty()).accepted
+    assert client.ask(topics.CLEAR, Empty()).accepted
     replies = [served.reply.code for served in server.published() if served.reply is not None]
     assert replies == ["late", "ok", "ok"]
 

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
+from common.motion.permission import RANKS, outranks
 from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
-from services.arbiter.commanders import RANKS, REST_S, SETTLE_WITHIN_S, outranks
+from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import (
     CELL,

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from common.motion.permission import CommandGate, GateDecision
+from common.motion.permission import CommandGate, GateDecision, outranks
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE
 from services.arbiter import commanders, states
-from services.arbiter.commanders import Commanders, Ownership, outranks
+from services.arbiter.commanders import Commanders, Ownership
 from services.arbiter.states import TABLE
 from tests.fakes.arbiter_product import (
     DEADLINE_S,

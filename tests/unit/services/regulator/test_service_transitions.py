@@ -51,7 +51,9 @@ class TransitionBench(FollowingBench):
     def request(self, kind: str, content) -> None:
         """Send a request; a refused start is no transition."""
         if kind == "gains":
-            self.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(content,) * 3))
+            self.ask(
+                topics.GAINS, GainsRequest(force_i_m_per_Ns=(content,) * 3, accept_unstable=True)
+            )
         elif kind == "stop":
             self.ask(topics.FORCE_STOP, Empty())
         else:

@@ -15,7 +15,8 @@ from pathlib import Path
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
 from common.config.calibration import CalibrationSection
-from common.config.cell import CellConfig, SensorSection
+from common.config.cell import CellConfig
+from common.config.cell_sensor import SensorSection
 from common.runtime.realtime import PRIORITY
 from forcemesh.messages import Health
 from forcemesh.version import __version__

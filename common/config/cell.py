@@ -11,8 +11,9 @@ from pydantic import Field, field_validator, model_validator
 from common.config.arm import UNKNOWN_ARM, RobotSection, arm_names
 from common.config.calibration import CalibrationSection, CellCalibration
 from common.config.cell_helpers import PanelSection, RecorderSection
+from common.config.cell_sensor import SensorSection, sensor_mistake
 from common.config.cell_sim import SimSection
-from common.config.cell_terms import Fraction, FrameSection, Positive
+from common.config.cell_terms import Fraction, FrameSection
 from common.config.payload import Payload
 from common.config.signals import Dedicated, Signals, signals_mistake
 from controller import plain
@@ -22,11 +23,7 @@ from forcemesh.connection import BusSection, ConfigSection
 from forcemesh.messages import Vec3
 from forcemesh.patterns import CELL_NAME, LAW_NAME
 from forcemesh.topics import HELPERS, ROLES, Topic
-from forcemesh.units import (
-    COUNTS_MOST,
-    LONGEST_SENSOR_LEVER_M,
-    question,
-)
+from forcemesh.units import question
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
@@ -36,6 +33,7 @@ UNIT_SLIP = 100.0
 SETPOINT_SHARE = 0.7  # of the ceiling: leaves room for overshoot and for a hold after it
 USUAL_FORCE_N = 50.0  # above these two a risk assessment must be named
 USUAL_SPEED_M_S = 0.25
+FORCES = ("setpoint_max_N", "approach_budget_N", "touch_N")  # that the sensor must be able to read
 FARTHEST_WORKSPACE_M = 10.0  # beyond the reach of any arm, also on a rail
 
 Far = Annotated[float, Field(ge=-FARTHEST_WORKSPACE_M, le=FARTHEST_WORKSPACE_M)]  # [m] in base
@@ -69,35 +67,6 @@ class Deadlines(ConfigSection):
     sensor_s: float = Field(0.020, ge=0.020, le=1.0)
     status_s: float = Field(0.5, ge=0.1, le=5.0)
     health_s: float = Field(1.0, ge=0.3, le=10.0)
-
-
-class SensorSection(ConfigSection):
-    """The force/torque sensor: mounting, range, connection."""
-
-    T_flange_sensor: FrameSection
-    force_range_N: float = Field(500.0, gt=0.0, le=10_000.0)
-    torque_range_Nm: float = Field(20.0, gt=0.0, le=1000.0)
-    frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # longest constant reading; 0: no noise
-    driver: str = Field("rdt", min_length=1, max_length=100)  # services/sensor/driver_registry.py
-    address: str = "192.168.1.1"
-    port: int = Field(49152, ge=1, le=65535)
-    counts_per_N: Positive = 1_000_000.0
-    counts_per_Nm: Positive = 1_000_000.0
-    # Source of the counts: the two above, the sensor's page netftapi2.xml, or both (must agree).
-    calibration: Literal["cell", "page", "both"] = "cell"
-    page_port: int = Field(80, ge=1, le=65535)
-    device: str = "/dev/ttyUSB0"  # robotiq: serial port; bota: configuration file
-
-    @model_validator(mode="after")
-    def _ranges_belong_together(self) -> "SensorSection":
-        lever_m = self.torque_range_Nm / self.force_range_N
-        if lever_m > LONGEST_SENSOR_LEVER_M:
-            raise ValueError(
-                f"torque_range_Nm {self.torque_range_Nm:g} is that of {self.force_range_N:g} N on "
-                f"a lever of {lever_m:.3g} m, at most {LONGEST_SENSOR_LEVER_M:g} m is plausible; "
-                "is that in newton millimetres?"
-            )
-        return self
 
 
 class ToolSection(ConfigSection):
@@ -357,33 +326,14 @@ class CellConfig(ConfigSection):
 
     @model_validator(mode="after")
     def _sensor_carries_its_numbers(self) -> "CellConfig":
-        payloads = [("payload", self.payload)]
+        payloads = {"payload": self.payload}
         if isinstance(self.calibration, CalibrationSection):
-            payloads.append(("calibration.payload", self.calibration.payload))
-        for where, payload in payloads:
-            for name, bias, most in (
-                ("bias_force_N", payload.bias_force_N, self.sensor.force_range_N),
-                ("bias_torque_Nm", payload.bias_torque_Nm, self.sensor.torque_range_Nm),
-            ):
-                worst = max(bias, key=abs)
-                if abs(worst) > most:
-                    asked = question(name, worst, most)
-                    raise ValueError(
-                        f"{where}.{name} is {worst:g}, beyond the sensor's range of {most:g}{asked}"
-                    )
-        sensor = self.sensor
-        if self.roles.sensor != "driver" or sensor.driver != "rdt":
-            return self
-        for name, counts, most in (
-            ("counts_per_N", sensor.counts_per_N, sensor.force_range_N),
-            ("counts_per_Nm", sensor.counts_per_Nm, sensor.torque_range_Nm),
-        ):
-            if counts * most > COUNTS_MOST:
-                asked = question(name, counts, COUNTS_MOST / most)
-                raise ValueError(
-                    f"sensor.{name} is {counts:g}: a reading of 32 bits would end at "
-                    f"{COUNTS_MOST / counts:.3g}, the range is {most:g}{asked}"
-                )
+            payloads["calibration.payload"] = self.calibration.payload
+        limits = {"limits.force_N": self.limits.force_N, "limits.torque_Nm": self.limits.torque_Nm}
+        limits |= {f"force.{name}": getattr(self.force, name) for name in FORCES}
+        is_driven = self.roles.sensor == "driver"
+        if mistake := sensor_mistake(self.sensor, payloads, limits, is_driven=is_driven):
+            raise ValueError(mistake)
         return self
 
     @model_validator(mode="after")

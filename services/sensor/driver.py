@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Literal, NamedTuple, Protocol
 
+from common.config.cell_sensor import SATURATED_FROM
 from forcemesh.messages import ZERO3, Vec3
 
-SATURATED_FROM = 0.95  # of the range, on any axis
 BAD_SHARE = 0.1  # of the readings of the window
 WINDOW = 100
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))

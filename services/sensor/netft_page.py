@@ -9,7 +9,7 @@ import math
 import re
 from typing import NamedTuple
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from forcemesh.errors import DataError
 from services.sensor.driver import NO_FAULT, Info, SensorFault
 

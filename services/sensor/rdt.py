@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Literal, NamedTuple
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from services.sensor.driver import NO_FAULT, SensorFault, SensorSample, fault_sample, judged
 from services.sensor.rdt_status import SATURATION_BITS, bits_of, is_good, status_text
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample, fault_sample
 from services.sensor.link import PageFetch, UdpLink

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from common.config.cell import CellConfig
+from common.config.cell_sensor import SATURATED_FROM
 
-SATURATED_FROM = 0.95  # of the range, on any axis: near its end a sensor is no longer linear
 FEWEST_REPEATS = 3  # a slow sensor may repeat its last reading
 WILD_APART = 10  # samples: a single outlier is a spike on the line, two this close are a fault
 MARGIN_OF_RANGE = 0.02  # added to the largest step: noise and model error

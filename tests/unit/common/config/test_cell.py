@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from common.config.cell import FARTHEST_WORKSPACE_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, CellConfig
+from common.config.cell_sensor import SATURATED_FROM
 from common.config.load import (
     CALIBRATION,
     TUNED,
@@ -44,7 +45,7 @@ NETFT = {"roles.sensor": "driver", "sim.netft": True}
 
 AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = {
     "a lever of the sensor": (
-        lambda lever_m: {"sensor.force_range_N": 10.0, "sensor.torque_range_Nm": 10.0 * lever_m},
+        lambda lever_m: {"sensor.force_range_N": 99.0, "sensor.torque_range_Nm": 99.0 * lever_m},
         LONGEST_SENSOR_LEVER_M,
         "sensor: torque_range_Nm",
     ),
@@ -74,6 +75,31 @@ AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = 
         },
         1.0,
         "payload.bias_torque_Nm is",
+    ),
+    "a ceiling of force within the sensor's range": (
+        lambda share: {"limits.force_N": share * DEMO_CELL.sensor.force_range_N},
+        SATURATED_FROM,
+        "limits.force_N is",
+    ),
+    "a ceiling of torque within the sensor's range": (
+        lambda share: {"limits.torque_Nm": share * DEMO_CELL.sensor.torque_range_Nm},
+        SATURATED_FROM,
+        "limits.torque_Nm is",
+    ),
+    "a force at first contact within the sensor's range": (
+        lambda share: {"sensor.force_range_N": 100.0, "force.approach_budget_N": share * 100.0},
+        SATURATED_FROM,
+        "force.approach_budget_N is",
+    ),
+    "a touch within the sensor's range": (
+        lambda share: {
+            "sensor.force_range_N": 50.0,
+            "force.touch_N": share * 50.0,
+            "limits.force_N": 40.0,
+            "force.setpoint_max_N": 28.0,
+        },
+        SATURATED_FROM,
+        "force.touch_N is",
     ),
     "counts of force": (
         lambda share: (

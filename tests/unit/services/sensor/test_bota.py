@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from services.sensor.bota import WRAP_US, BotaDriver, bota_driver

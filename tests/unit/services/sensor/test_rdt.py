@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from common.config.cell_terms import FrameSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT

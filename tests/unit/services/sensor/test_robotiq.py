@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import SensorSection
+from common.config.cell_sensor import SensorSection
 from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError

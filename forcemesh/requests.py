@@ -1,6 +1,6 @@
 """Requests to a cell and their reply: one class per request of forcemesh/topics.py."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from common.config.calibration import CalibrationSection
 from common.config.load import dump_cell, load_cell
 
 PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
@@ -50,7 +51,7 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
     assert whole.returncode == 0, progress
     assert "PASS: at 1 fresh pose" in printed
     found = load_cell(cell_file, {"calibration": str(out)}).calibration
-    assert found is not None
+    assert isinstance(found, CalibrationSection)
     assert found.payload.mass_kg == pytest.approx(1.0, abs=0.01)
     assert f"calibration {found.revision} is in use" in printed
     assert out.with_suffix(".html").exists()

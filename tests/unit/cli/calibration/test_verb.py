@@ -74,7 +74,7 @@ def test_the_running_cell_and_its_next_start_use_the_calibration(lab, tmp_path, 
 
     assert result.exit_code == 0, result.stderr
     found = load_cell(tmp_path / "cell.yaml").calibration
-    assert found is not None
+    assert isinstance(found, CalibrationSection)
     assert found.method == "arm"
     assert found.tool == "disc"
     assert found.payload.mass_kg == pytest.approx(1.0, abs=0.005)

@@ -26,16 +26,26 @@ Json = Annotated[bool, Option("--json", help="Print one JSON object.")]
 
 
 @app.command()
-def fit(
+def fit(  # noqa: PLR0917 - options of a verb, given by name
     recording: RecordingArgument,
     wrench_axes: Axes = "auto",
+    gravity: Annotated[
+        tuple[float, float, float] | None,
+        Option(
+            metavar="X Y Z",
+            help="Nominal direction of gravity in the base; default: down, unless another fits.",
+        ),
+    ] = None,
     out: Annotated[Path | None, Option(help="Write the payload to this YAML file.")] = None,
     as_json: Json = False,
 ) -> None:
     """Fit mass, centre of mass and bias from static poses, free of contact."""
     with _one_line_errors():
+        import numpy as np
+
         from cli.payload_tables import print_fit
-        from common.config.payload import save
+        from common.config.payload import DOWN, save
+        from forcemesh.records import checked_unit
         from identification.identify import identify_recording
         from identification.installation.check import judge_recording
         from identification.installation.terms import ExpectedInstallation
@@ -43,10 +53,12 @@ def fit(
         from identification.report import fit_report
 
         data = read_recording(recording)
-        axes, found, reason = identify_recording(data, named_axes(wrench_axes))
+        down = None if gravity is None else checked_unit(gravity, "--gravity")
+        axes, found, reason = identify_recording(data, named_axes(wrench_axes), down)
         report = fit_report(data, axes, found)
+        expected = ExpectedInstallation(down_in_base=np.array(down or DOWN))
         # A payload can explain some wrong axes: the residual alone does not reveal them.
-        installation = judge_recording(data, axes, ExpectedInstallation())[1]
+        installation = judge_recording(data, axes, expected)[1]
         if installation.rejection_reason is not None:
             report["warnings"].append(installation.rejection_reason)
         if out is not None:

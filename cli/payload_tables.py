@@ -5,6 +5,7 @@ from typing import Any
 from rich.table import Table
 
 from cli.tables import print_table, table_console
+from common.config.payload import DOWN
 
 Vector = list[float]
 MODELS_SHOWN = 6  # besides the plain one
@@ -40,9 +41,10 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
         if report[std_key] is not None:
             value, std = (_joined(report[each], scale, digits) for each in (key, std_key))
             rows.append((label, value, std))
-    if report["gravity_tilt_std_rad"] is not None or report["gravity_direction_in_base"][2] > 0:
+    down = report["gravity_direction_in_base"]
+    if report["gravity_tilt_std_rad"] is not None or tuple(down) != DOWN:
         std_rad = report["gravity_tilt_std_rad"]
-        value = _joined(report["gravity_direction_in_base"], 1.0, 4)
+        value = _joined(down, 1.0, 4)
         std = "" if std_rad is None else f"{1e3 * std_rad:.2f} mrad"
         rows.append(("gravity direction in base", value, std))
     if report["drift"] is not None:

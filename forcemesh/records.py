@@ -4,7 +4,17 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from math import hypot, isfinite
-from typing import Annotated, Any, Literal, Self, TypeVar, dataclass_transform, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    Self,
+    TypeVar,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 import msgspec
 
@@ -37,7 +47,7 @@ ROTATION = msgspec.Meta(description="unit quaternion x, y, z, w: within 0.001, t
 UNIT_TOLERANCE = 1e-3  # of the length of a quaternion from outside: its rounding, not a mistake
 ROUNDING = 1e-12  # of the same: left as it is
 
-Four = tuple[float, float, float, float]
+U = TypeVar("U", bound=tuple[float, ...])
 
 
 class ByName(msgspec.StructMeta):
@@ -92,21 +102,20 @@ class Record(msgspec.Struct, metaclass=ByName, frozen=True):
 R = TypeVar("R", bound=Record)
 
 
-def checked_quaternion(q: Four) -> Four:
-    """Return a quaternion from outside, normalised. Raise DataError unless its length is 1 +- 1e-3.
+def checked_unit(parts: U, what: str = "the quaternion (order x y z w)") -> U:
+    """Return a quaternion or direction from outside, normalised: its length must be 1 +- 1e-3.
 
-    Any other length is a mistake: zero is no rotation, and 2 or 1e-300 may be any number misread.
+    Any other length is a mistake: zero is no direction, and 2 or 1e-300 may be any number misread.
+
+    Raises:
+        DataError: Of another length, or not finite.
     """
-    length = hypot(*q)
+    length = hypot(*parts)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
-        raise DataError(
-            f"the quaternion has length {length:.4g}, it must be 1 within {UNIT_TOLERANCE:g} "
-            "(order x y z w)"
-        )
+        raise DataError(f"{what} has length {length:.4g}, it must be 1 within {UNIT_TOLERANCE:g}")
     if abs(length - 1.0) <= ROUNDING:
-        return q
-    x, y, z, w = q
-    return (x / length, y / length, z / length, w / length)
+        return parts
+    return cast(U, tuple(part / length for part in parts))
 
 
 def normalise_rotations(record: R, where: str = "") -> R:
@@ -125,7 +134,7 @@ def normalise_rotations(record: R, where: str = "") -> R:
                 normalise_rotations(part, place)
             continue
         try:
-            unit = checked_quaternion(value)
+            unit = checked_unit(value)
         except DataError as error:
             place = f"{where or type(record).__name__}.{name}"
             raise MessageError(f"{place}: {error}") from None

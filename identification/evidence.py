@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from common.config.calibration import CalibrationSection
 from common.config.cell import CellConfig
-from common.config.payload import Payload
+from common.config.payload import DOWN, Payload
 from forcemesh.errors import first_mistake
+from forcemesh.messages import Vec3
 from identification.dwells import Dwell, dwells_of_purpose, means_of, recording_of
 from identification.errors import CalibrationError
 from identification.identify import Identification, identify_payload
@@ -58,12 +59,13 @@ def evidence_of(
     dwells: Sequence[Dwell],
     *,
     source: Path,
+    down_in_base: Vec3 = DOWN,
     serial: str = "",
     notes: tuple[str, ...] = (),
 ) -> Evidence:
     """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
     recording = recording_of(dwells_of_purpose(dwells, "fit"), source)
-    fit = identify_payload(recording.samples("sensor"))
+    fit = identify_payload(recording.samples("sensor"), down_in_base)
     verify_dwells = dwells_of_purpose(dwells, "verify")
     verify = means_of(verify_dwells) if verify_dwells else None
     return Evidence(method, recording, "sensor", fit, verify, serial, notes)

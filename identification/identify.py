@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from common.config.payload import Payload
-from common.motion.frames import Array
+from common.config.payload import DOWN, Payload
+from common.motion.convert import vec3
+from common.motion.frames import Array, R_from_quaternion, quaternion_from_R
 from forcemesh.errors import DataError
+from forcemesh.messages import Vec3
 from identification.estimates import (
     IDENTIFIED_SHARE,
     Deviations,
@@ -18,9 +20,10 @@ from identification.estimates import (
     payload_of,
 )
 from identification.excitation.pose_choice import NextPose, next_pose
+from identification.installation.axis_fit import free_gravity
 from identification.least_squares import FLOOR
-from identification.model_selection import Candidate, fitted_candidates
-from identification.payload_model import NAMES, PRIOR_STD
+from identification.model_selection import FAR_RAD, Candidate, fitted_candidates
+from identification.payload_model import NAMES, PRIOR_STD, level_base
 from identification.recording import BOTH_AXES, Samples, WrenchAxes, WrenchRecording
 from identification.static_poses import Rejected, check_poses, screen_samples
 from identification.verification import Residual, residual_of
@@ -62,15 +65,19 @@ class AxesFit(NamedTuple):
     reason: str
 
 
-def identify_payload(samples: Samples) -> Identification:
+def identify_payload(samples: Samples, down_in_base: Vec3 = DOWN) -> Identification:
     """Fit payload and bias; further parameters are added by model selection.
 
     Raises DataError when the poses are too few or too similar, or show no weight.
 
     Args:
         samples: Static readings in many attitudes, free of contact, in sensor axes.
+        down_in_base: Nominal direction of gravity, unit vector; a tilt from it may be identified.
     """
-    poses, rejected = screen_samples(samples)
+    R_level_base = level_base(down_in_base)
+    poses, rejected = screen_samples(
+        replace(samples, R_base_sensor=R_level_base @ samples.R_base_sensor)
+    )
     try:
         check_poses(poses)
     except DataError as error:
@@ -85,8 +92,11 @@ def identify_payload(samples: Samples) -> Identification:
             f"the recording shows no weight: mass {payload.mass_kg:.4f} kg, "
             f"standard deviation {std.mass_kg:.4f} kg; check that the wrench columns are live"
         )
+    advised = next_pose(chosen.solution)
+    R_base_next = R_level_base.T @ R_from_quaternion(advised.quaternion)
+    down = R_level_base.T @ payload.gravity_direction_in_base
     return Identification(
-        payload=payload,
+        payload=payload.model_copy(update={"gravity_direction_in_base": vec3(down)}),
         std=std,
         parameters=found,
         rejected=rejected,
@@ -96,21 +106,33 @@ def identify_payload(samples: Samples) -> Identification:
         residual=residual_of(payload, poses.means, drift=True),
         uncertain=_uncertain_parameters(std),
         undetermined=_undetermined_parameters(found, chosen, candidates),
-        next_pose=next_pose(chosen.solution),
+        next_pose=replace(advised, quaternion=quaternion_from_R(R_base_next)),
         warnings=_warnings(payload, candidates[0]),
     )
 
 
-def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | None) -> AxesFit:
+def identify_recording(
+    recording: WrenchRecording, wrench_axes: WrenchAxes | None, down_in_base: Vec3 | None = None
+) -> AxesFit:
     """Fit a recording with its wrench in the given axes; with None, in those that fit better.
 
     Raises DataError when the recording cannot be fitted, or when both axes fit equally well.
+
+    Args:
+        recording: Poses and wrenches.
+        wrench_axes: Axes of the wrench, None if unknown.
+        down_in_base: Nominal direction of gravity, None if unknown: down, unless another one fits
+            far better.
     """
     fits: dict[WrenchAxes, Identification] = {}
     problems: dict[WrenchAxes, DataError] = {}
     for axes in BOTH_AXES:
         try:
-            fits[axes] = identify_payload(recording.samples(axes))
+            samples = recording.samples(axes)
+            if down_in_base is None:
+                fits[axes] = _identify_anywhere(samples)
+            else:
+                fits[axes] = identify_payload(samples, down_in_base)
         except DataError as error:
             problems[axes] = error
     if wrench_axes in problems or not fits:
@@ -125,6 +147,37 @@ def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | Non
             "use --wrench-axes sensor or base"
         )
     return AxesFit(best, fits[best], f"wrench taken to be in {best} axes: rms residual {found}")
+
+
+def _identify_anywhere(samples: Samples) -> Identification:
+    """Fit with gravity down, or along the direction of a free fit where that fits far better."""
+    level: Identification | DataError
+    try:
+        level = identify_payload(samples)
+    except DataError as error:
+        level = error
+    poses, _ = screen_samples(samples)
+    direction, residual_N = free_gravity(poses)
+    rms_N = residual_N / np.sqrt(len(poses))
+    is_near = not direction.any() or -direction[2] > np.cos(FAR_RAD)
+    if is_near or (
+        isinstance(level, Identification) and CLEAR_RATIO * rms_N > level.chosen.rms_force_N
+    ):
+        return _fit_or_raise(level)
+    try:
+        turned = identify_payload(samples, vec3(direction))
+    except DataError:
+        return _fit_or_raise(level)
+    is_better = isinstance(level, DataError) or (
+        turned.chosen.score < level.chosen.score and _residual_ratio(turned, level) >= CLEAR_RATIO
+    )
+    return turned if is_better else _fit_or_raise(level)
+
+
+def _fit_or_raise(found: Identification | DataError) -> Identification:
+    if isinstance(found, DataError):
+        raise found
+    return found
 
 
 def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, str]:
@@ -211,7 +264,8 @@ def _warnings(payload: Payload, plain: Candidate) -> tuple[str, ...]:
     warnings = []
     if payload.gravity_direction_in_base[2] > 0.0:
         warnings.append(
-            "gravity points up in base: either the arm hangs from the ceiling, or this sensor "
+            "gravity points up in base, or against gravity_direction_in_base: either the arm hangs "
+            "from the ceiling (or that key is reversed), or this sensor "
             "reports the tool's reaction. Push the tool by hand: unless the force reads along "
             "the push, reverse the sign of all six readings before closing a force loop on them"
         )

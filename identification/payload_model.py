@@ -8,7 +8,7 @@ the bias over the recording, d2 the height of its bend.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
@@ -141,6 +141,15 @@ class State:
 def start_state() -> State:
     """Return level gravity, no mounting rotation, no payload, no error."""
     return State(np.zeros(LINEAR), DOWN, np.eye(3), np.zeros((3, 2, 3)))
+
+
+def level_base(down_in_base: Sequence[float] | Array) -> Array:
+    """Return R_level_base: a base turned so that the nominal gravity points along its -z.
+
+    The fit takes gravity along -z as nominal; on a wall or a ceiling it works in that base.
+    """
+    down = np.asarray(down_in_base, dtype=np.float64)
+    return np.asarray(pin.Quaternion.FromTwoVectors(down, DOWN).matrix())
 
 
 def drift_shapes(samples: Samples) -> Array:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from common.motion.frames import Array, R_from_quaternion
 from forcemesh.errors import DataError
-from forcemesh.records import checked_quaternion
+from forcemesh.records import checked_unit
 
 WrenchAxes = Literal["sensor", "base"]
 
@@ -142,8 +142,7 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
                 raise DataError(f"{location}{_ragged(header, cells)}")
             values = [_number(location, name, cells[place]) for name, place in places.items()]
             try:
-                x, y, z, w = values[4:8]
-                values[4:8] = checked_quaternion((x, y, z, w))
+                values[4:8] = checked_unit(tuple(values[4:8]))
             except DataError as error:
                 raise DataError(f"{location}, columns qx to qw: {error}") from None
             yield reader.line_num, values

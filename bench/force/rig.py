@@ -123,6 +123,7 @@ class ForceRig:
             com_m=sim.tool_com_m,
             bias_force_N=sim.bias_force_N,
             bias_torque_Nm=sim.bias_torque_Nm,
+            gravity_direction_in_base=cell.gravity_direction_in_base,
         )
         self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
         self._filter = Filter(cell.filter.median, cell.filter.lowpass_s)

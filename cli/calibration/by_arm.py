@@ -55,6 +55,7 @@ def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
         "arm",
         wizard.dwells,
         source=job.files.readings,
+        down_in_base=job.cell.gravity_direction_in_base,
         serial=wizard.gatherer.serial,
         notes=(*wizard.plan.warnings, *skipped),
     )

@@ -19,6 +19,7 @@ from identification.errors import CalibrationError
 from identification.evidence import evidence_of
 from identification.excitation.pose_choice import conditioning
 from identification.identify import identify_payload
+from identification.payload_model import level_base
 from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 
 NEW_RAD = np.radians(15.0)  # least distance to earlier attitudes for automatic capture
@@ -58,6 +59,7 @@ class PoseRecorder:
         self._clock, self._options = cell.session.clock, options
         self._typed_line, self._output = typed_line, output
         self.gatherer = Gatherer(cell)
+        self._down = cell.config.gravity_direction_in_base
         self._requested = False  # a pose was requested; it is recorded once everything is at rest
         self._still_since_ns: int | None = None
 
@@ -142,7 +144,7 @@ class PoseRecorder:
         count = len(dwells_of_purpose(self.dwells, purpose))
         if purpose == "verify" or count == 0:
             return True
-        found = conditioning(_attitudes(dwells_of_purpose(self.dwells, "fit")))
+        found = self._conditioning()
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._output.note(
                 f"{count} poses with condition number {found:.0f} do not determine a fit (at most "
@@ -159,11 +161,11 @@ class PoseRecorder:
         if len(recorded) < LEAST_POSES:
             return f"; next: {HINT}"
         try:
-            x, y, z = identify_payload(samples_of(recorded)).next_pose.down_in_sensor
+            x, y, z = identify_payload(samples_of(recorded), self._down).next_pose.down_in_sensor
         except DataError as error:
             return f"; not enough yet: {error}"
         return (
-            f", condition number {conditioning(_attitudes(recorded)):.1f}; next: gravity along "
+            f", condition number {self._conditioning():.1f}; next: gravity along "
             f"({x:.1f}, {y:.1f}, {z:.1f}) in sensor axes, as shown below"
         )
 
@@ -173,12 +175,17 @@ class PoseRecorder:
         if newest is None:
             self._output.progress(recorded, count, waits_for)
             return
-        x, y, z = -newest.R_base_sensor[2, :]
+        x, y, z = self._down @ newest.R_base_sensor
         force_N = hypot(*newest.reading[:3])
         state = f"waiting for {waits_for}" if waits_for else "at rest"
         gravity = f"gravity ({x:.1f}, {y:.1f}, {z:.1f})"
         text = f"{recorded} of {count} poses | {gravity} | {force_N:.1f} N | {state}"
         self._output.progress(recorded, count, text)
+
+    def _conditioning(self) -> float:
+        """Return the condition number of the poses so far."""
+        R = _attitudes(dwells_of_purpose(self.dwells, "fit"))
+        return conditioning(level_base(self._down) @ R)
 
 
 def _attitudes(dwells: list[Dwell]) -> Array:
@@ -195,7 +202,11 @@ def calibrate(job: Job, options: HandOptions, typed_line: TypedLine, cell: Confi
         return ended
     refuse_wrong_axes(job, recorder.dwells)
     evidence = evidence_of(
-        "manual", recorder.dwells, source=job.files.readings, serial=recorder.gatherer.serial
+        "manual",
+        recorder.dwells,
+        source=job.files.readings,
+        down_in_base=job.cell.gravity_direction_in_base,
+        serial=recorder.gatherer.serial,
     )
     return conclude(job, evidence, cell)
 

@@ -47,7 +47,7 @@ def calibrate_from_recording(
     """
     data = read_recording(recording)
     refuse_wrong_installation(job, data, axes)
-    chosen_axes, fit, reason = identify_recording(data, axes)
+    chosen_axes, fit, reason = identify_recording(data, axes, job.cell.gravity_direction_in_base)
     if reason:
         print_note(reason)
     verify = None

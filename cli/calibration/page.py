@@ -156,9 +156,10 @@ def attitudes(found: Findings) -> Figure:
     """Return the directions of gravity in sensor axes, on two hemispheres."""
     figure, (halves,) = _panels(3.9)
     poses = found.evidence.recording.samples(found.evidence.axes).R_base_sensor
-    groups = [("fit", -poses[found.evidence.fit.first_row][:, 2, :], FIT, "o")]
+    down_in_base = np.array(found.section.payload.gravity_direction_in_base)
+    groups = [("fit", down_in_base @ poses[found.evidence.fit.first_row], FIT, "o")]
     if found.evidence.verify is not None:
-        down_verified = -found.evidence.verify.R_base_sensor[:, 2, :]
+        down_verified = down_in_base @ found.evidence.verify.R_base_sensor
         groups.append(("verification", down_verified, VERIFY, "s"))
     advised = np.array([found.report["next_pose"]["down_in_sensor"]])
     groups.append(("recommended next pose", advised, LIMIT, "*"))

@@ -14,7 +14,7 @@ from common.config.cell_helpers import PanelSection, RecorderSection
 from common.config.cell_sensor import SensorSection, sensor_mistake
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Fraction, FrameSection
-from common.config.payload import Payload
+from common.config.payload import DOWN, CellPayload, Direction, Payload
 from common.config.signals import Dedicated, Signals, signals_mistake
 from controller import plain
 from controller.packet_table import Scales
@@ -243,7 +243,8 @@ class CellConfig(ConfigSection):
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
-    payload: Payload  # used until a calibration exists
+    gravity_direction_in_base: Direction = DOWN  # unit vector; an arm on a wall: [1, 0, 0]
+    payload: CellPayload  # used until a calibration exists
     # In the file: the name of a calibration file next to it, written by `forcemesh calibrate`.
     calibration: CellCalibration = None
     filter: FilterSection = FilterSection()
@@ -257,6 +258,12 @@ class CellConfig(ConfigSection):
     def __hash__(self) -> int:
         """Return the hash of the name, which equal cells share: a table of cores has none."""
         return hash(self.cell)
+
+    @model_validator(mode="after")
+    def _payload_has_its_gravity(self) -> "CellConfig":
+        known = {"gravity_direction_in_base": self.gravity_direction_in_base}
+        object.__setattr__(self, "payload", self.payload.model_copy(update=known))
+        return self
 
     @model_validator(mode="after")
     def _roles_have_their_sections(self) -> "CellConfig":
@@ -326,7 +333,7 @@ class CellConfig(ConfigSection):
 
     @model_validator(mode="after")
     def _sensor_carries_its_numbers(self) -> "CellConfig":
-        payloads = {"payload": self.payload}
+        payloads: dict[str, Payload] = {"payload": self.payload}
         if isinstance(self.calibration, CalibrationSection):
             payloads["calibration.payload"] = self.calibration.payload
         limits = {"limits.force_N": self.limits.force_N, "limits.torque_Nm": self.limits.torque_Nm}

@@ -5,23 +5,42 @@ causes.
 """
 
 import difflib
-from math import hypot
 from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from common.config.cell_terms import AxisGain
 from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import DataError, first_mistake
 from forcemesh.messages import Vec3
+from forcemesh.records import checked_unit
 from forcemesh.units import mounting_objection
 
 DOWN: Vec3 = (0.0, 0.0, -1.0)
-UNIT_TOLERANCE = 1e-3  # of the length of a unit vector
+MOVED = (
+    "gravity_direction_in_base is a key of the cell, not of its payload: write it at "
+    "the top level of the cell file"
+)
 
+
+def _of_unit_length(direction: Vec3) -> Vec3:
+    try:
+        return checked_unit(direction, "the direction")
+    except DataError as error:
+        raise ValueError(str(error)) from None
+
+
+Direction = Annotated[Vec3, AfterValidator(_of_unit_length)]
 ComPart = Annotated[float, Field(ge=-1.0, le=1.0)]  # [m] from the sensor's origin
 ForcePart = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # [N] of a bias
 TorquePart = Annotated[float, Field(ge=-100.0, le=100.0)]  # [N m] of a bias
@@ -65,7 +84,7 @@ class Payload(ConfigSection):
     com_m: tuple[ComPart, ComPart, ComPart]
     bias_force_N: BiasForce = (0.0, 0.0, 0.0)
     bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
-    gravity_direction_in_base: Vec3 = DOWN
+    gravity_direction_in_base: Direction = DOWN  # identified, tilt of the base included
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
     force_gain: Gains = (1.0, 1.0, 1.0)  # reading of each axis per unit of load
     torque_gain: Gains = (1.0, 1.0, 1.0)
@@ -80,13 +99,6 @@ class Payload(ConfigSection):
         return mass_kg
 
     @model_validator(mode="after")
-    def _gravity_is_a_direction(self) -> "Payload":
-        length = hypot(*self.gravity_direction_in_base)
-        if abs(length - 1.0) > UNIT_TOLERANCE:
-            raise ValueError(f"gravity_direction_in_base must have length 1, it has {length:g}")
-        return self
-
-    @model_validator(mode="after")
     def _rotation_is_a_correction(self) -> "Payload":
         if objection := mounting_objection(self.mounting_rotation_rad):
             raise ValueError(objection)
@@ -96,6 +108,19 @@ class Payload(ConfigSection):
     def weighs(self) -> bool:
         """Whether mass or centre of mass is set."""
         return self.mass_kg > 0.0 or any(self.com_m)
+
+
+class CellPayload(Payload):
+    """Payload in a cell file, whose gravity is the cell's."""
+
+    gravity_direction_in_base: Direction = Field(DOWN, exclude=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gravity_is_the_cells(cls, values: object) -> object:
+        if isinstance(values, dict) and "gravity_direction_in_base" in values:
+            raise ValueError(MOVED)
+        return values
 
 
 def save(payload: Payload, path: Path) -> None:

@@ -29,6 +29,7 @@ from identification.excitation.pose_choice import (
     fresh_attitudes,
 )
 from identification.identify import POOR_CONDITIONING
+from identification.payload_model import level_base
 from identification.static_poses import WORST_CONDITIONING
 
 LEAST_PLANNED_POSES = 6
@@ -187,7 +188,8 @@ class PlanOptions:
 class CalibrationPlan:
     """Joint goals [rad], each of shape (n,), in the order of the visit.
 
-    `q` has one row for each reachable pose; `fit` and `verify` are indices into it.
+    `q` has one row for each reachable pose, `R_base_sensor` its attitude in a level base; `fit` and
+    `verify` are indices into it.
     """
 
     options: PlanOptions
@@ -238,7 +240,8 @@ def make_plan(
         raise CalibrationError(f"no room to rotate the tool: {violation}; {ADVICE}")
     q = _candidates(inner, hub, options.turn_rad)
     R_base_flange = np.array([arm.flange_pose(row).rotation for row in q]).reshape(-1, 3, 3)
-    R = R_base_flange @ cell.sensor.T_flange_sensor.pose.rotation
+    R_level_flange = level_base(cell.gravity_direction_in_base) @ R_base_flange
+    R = R_level_flange @ cell.sensor.T_flange_sensor.pose.rotation
     payload = cell.payload if cell.payload.mass_kg > 0.05 else USUAL_PAYLOAD
     fit = best_attitudes(R, payload, options.poses)
     if len(fit) < LEAST_PLANNED_POSES:

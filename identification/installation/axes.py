@@ -142,13 +142,13 @@ def _mirrored(force: ForceFit) -> InstallationFinding:
         )
         remedy = (
             f"push the tool by hand ({PUSH}): if the force reads against the push, reverse all six "
-            "signs in the driver; if along it, write payload.gravity_direction_in_base: [0, 0, 1]"
+            "signs in the driver; if along it, write gravity_direction_in_base: [0, 0, 1]"
         )
         return InstallationFinding("reaction", text, remedy)
     text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
     remedy = (
         f"{driver_remedy(force.wiring, 'FM')}; only if the arm hangs from the ceiling: "
-        "payload.gravity_direction_in_base: [0, 0, 1], "
+        "gravity_direction_in_base: [0, 0, 1], "
         f"and a sensor turned by {rotation_text(-force.wiring.T)}"
     )
     return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)

@@ -257,7 +257,7 @@ def _gravity_finding(poses: Poses) -> InstallationFinding | None:
         f"gravity points along ({direction_text}) in the base: the arm is not mounted as the cell "
         "file says"
     )
-    remedy = f"write payload.gravity_direction_in_base: [{direction_text}]"
+    remedy = f"write gravity_direction_in_base: [{direction_text}]"
     return InstallationFinding("gravity", text, remedy)
 
 

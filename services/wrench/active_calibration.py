@@ -1,7 +1,7 @@
 """Active calibration and its validity for this cell, tool and sensor. Pure."""
 
 from dataclasses import dataclass
-from math import degrees
+from math import acos, degrees
 
 from pydantic import ValidationError
 
@@ -9,10 +9,11 @@ from common.config.calibration import NO_FILE, CalibrationSection
 from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
-from common.motion.frames import apart
+from common.motion.frames import apart, dot
 from forcemesh.errors import DataError, first_mistake
 
 SAME_M, SAME_DEG = 1e-4, 0.1  # tolerance for a pose that was typed again
+MOST_LEAN_DEG = 15.0  # of the base, as identified: beyond, the arm is mounted otherwise
 HEAVIER = 1.1  # times `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
 OF_THE_CELL_FILE = "cell file"
 CALIBRATE_FIRST = (
@@ -97,6 +98,13 @@ def _objection(found: CalibrationSection, cell: CellConfig) -> str:
         apart = _apart(then, now)
         if apart:
             return f"{what} differs by {apart} from that of {name}: run `forcemesh calibrate`"
+    share = dot(found.payload.gravity_direction_in_base, cell.gravity_direction_in_base)
+    lean_deg = degrees(acos(max(-1.0, min(1.0, share))))
+    if lean_deg > MOST_LEAN_DEG:
+        return (
+            f"{name} identified gravity {lean_deg:.0f} degrees from gravity_direction_in_base, the "
+            f"limit is {MOST_LEAN_DEG:g}: correct that key, or run `forcemesh calibrate`"
+        )
     return _unverified(found, cell) or _too_heavy(found.payload.mass_kg, cell)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.arm import model_file
-from common.motion.frames import GRAVITY_M_S2, Array
+from common.motion.frames import GRAVITY_M_S2, Array, scaled
 from common.motion.kinematics import ArmKinematics
 from sim.robot.engine import mujoco
 from sim.robot.plate import HALF_SIDE_M, plate_point_under
@@ -75,7 +75,7 @@ def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec
     spec = mujoco.MjSpec.from_file(str(model_file(settings.arm)))
     spec.modelname = "forcemesh cell"
     spec.option.timestep = TICK_S
-    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
+    spec.option.gravity = scaled(settings.gravity_direction_in_base, GRAVITY_M_S2)
     # A diverged simulation must be reported, not silently reset.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET.value
     plate = plate_at_rest(settings)

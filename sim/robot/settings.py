@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 from common.config.arm import USUAL_ARM, JointAngles, read_arm
 from common.config.cell import CellConfig
 from common.config.cell_sim import SimSection
+from common.config.payload import DOWN, Direction
 from common.motion.frames import Array
 from forcemesh.errors import SimulationError
 
@@ -32,6 +33,7 @@ class SimSettings(SimSection):
     arm: str = USUAL_ARM  # its folder in arms/
     home_deg: JointAngles = read_arm(USUAL_ARM).home_deg
     servo_lag_s: float = Field(0.0072, ge=0.004, le=0.1)  # kv / kp; 0.024 for a slow robot
+    gravity_direction_in_base: Direction = DOWN
     T_flange_sensor: pin.SE3 = Field(default_factory=lambda: _mount(0.040, 30.0))
     T_sensor_tcp: pin.SE3 = Field(default_factory=lambda: _mount(0.120, 0.0))
     force_range_N: float = 500.0  # per axis; beyond it the sample's status is "saturated"
@@ -47,6 +49,7 @@ class SimSettings(SimSection):
             **cell.sim.model_dump(),
             arm=cell.robot.model,
             home_deg=read_arm(cell.robot.model).home_deg,
+            gravity_direction_in_base=cell.gravity_direction_in_base,
             T_flange_sensor=T_flange_sensor,
             T_sensor_tcp=T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose,
             force_range_N=sensor.force_range_N,

@@ -170,9 +170,9 @@ def test_a_quaternion_that_is_not_of_unit_length_is_refused_everywhere(
     for path in rotations(record_type):
         for bad in NO_ROTATIONS:
             wrong = put(fields, path, bad)
-            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion has length "):
+            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion .* has length "):
                 read(msgpack.packb(wrong), record_type)
-            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion has length "):
+            with pytest.raises(MessageError, match=rf"{path[-1]}: the quaternion .* has length "):
                 write(constructed(record_type, put(full(record_type), path, bad)))
 
 

@@ -171,8 +171,8 @@ def test_each_field_of_a_calibration_times_a_thousand_is_refused() -> None:
 def test_a_direction_of_gravity_is_a_direction() -> None:
     """(0, 0, -2) would double the weight of every tool."""
     tree = whole(DEMO)
-    tree["payload"]["gravity_direction_in_base"] = [0.0, 0.0, -2.0]
-    assert "must have length 1, it has 2" in mistake(tree)
+    tree["gravity_direction_in_base"] = [0.0, 0.0, -2.0]
+    assert "the direction has length 2, it must be 1" in mistake(tree)
 
 
 # --- ceilings -------------------------------------------------------------------------------------

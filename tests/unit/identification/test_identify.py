@@ -6,16 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.payload import Payload
-from common.motion.frames import GRAVITY_M_S2
+from common.motion.frames import GRAVITY_M_S2, R_from_quaternion
 from common.motion.weight import predict
 from forcemesh.errors import DataError
-from identification.identify import identify_payload
+from identification.identify import identify_payload, identify_recording
+from identification.payload_model import level_base
 from identification.recording import Samples
 from tests.fakes.weights import (
     FORCE_NOISE_N,
     QUICK,
     TORQUE_NOISE_NM,
     TRUTH,
+    as_recording,
     attitudes,
     mounted,
     readings,
@@ -113,6 +115,26 @@ def test_a_tilted_base_is_found_where_twelve_poses_show_it(seed, angle_deg):
     )
     force, torque = worst_error(found.payload, truth, rng)
     assert (force, torque) < (10 * FORCE_NOISE_N, 10 * TORQUE_NOISE_NM)
+
+
+@pytest.mark.parametrize("down", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.64, 0.6)])
+def test_a_tilt_from_any_nominal_direction_is_found(down):
+    """On a wall, a ceiling, a slope: the fit and its advice are in the base of the recording."""
+    rng = np.random.default_rng(5)
+    leaning = tilted(3.0, rng)
+    true_down = level_base(down).T @ leaning.gravity_direction_in_base
+    truth = leaning.model_copy(update={"gravity_direction_in_base": tuple(true_down.tolist())})
+    samples = readings(truth, attitudes(rng, 12), rng)
+    found = identify_payload(samples, down)
+    assert found.chosen.model.name == "tilt"
+    assert found.payload.mass_kg == pytest.approx(truth.mass_kg, abs=0.01)
+    np.testing.assert_allclose(found.payload.gravity_direction_in_base, true_down, atol=0.003)
+    R_next = R_from_quaternion(found.next_pose.quaternion)
+    np.testing.assert_allclose(found.next_pose.down_in_sensor, R_next.T @ true_down, atol=0.003)
+    assert not found.warnings
+    # Without the nominal direction it is found, except that hanging and reactions read the same.
+    unstated = identify_recording(as_recording(samples, "sensor"), "sensor").identification
+    np.testing.assert_allclose(unstated.payload.gravity_direction_in_base, true_down, atol=0.003)
 
 
 @QUICK

@@ -153,7 +153,10 @@ bias_torque_Nm: [0, 0, 0]
             r"com_m\.2: must be a finite number, found inf",
         ),
         (GOOD.replace("com_m", "com_mm"), r"unknown key com_mm; did you mean com_m\?"),
-        (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "must have length 1"),
+        (
+            GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n",
+            "direction has length 9.8",
+        ),
         (GOOD + "force_gain: [1, 1, 3]\n", r"force_gain\.2: must be at most 1\.5, found 3"),
         (GOOD + "drift: 3\n", "drift: must be a section of names and values, found 3"),
         (GOOD + "drift: {start_s: 0}\n", r"drift\.end_s: missing"),

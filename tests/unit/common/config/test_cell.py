@@ -18,6 +18,7 @@ from common.config.load import (
     load_cell,
     named_file,
 )
+from common.config.payload import DOWN
 from forcemesh.errors import ConfigError
 from forcemesh.units import COUNTS_MOST, LONGEST_SENSOR_LEVER_M, SLOWEST_DEG_S
 
@@ -268,10 +269,20 @@ def test_a_calibration_beyond_the_sensor_is_refused_as_a_payload_is() -> None:
 
 def test_gravity_is_a_direction_of_length_one() -> None:
     """Any other length would weigh the tool wrongly, at every pose."""
-    down = "payload.gravity_direction_in_base"
-    assert changed({down: [0.0, 0.0, -1.0 - 0.9e-3]}).cell == "demo"
-    (line,) = mistakes({down: [0.0, 0.0, -1.0 - 1.1e-3]})
-    assert line.startswith("payload: gravity_direction_in_base must have length 1")
+    down = "gravity_direction_in_base"
+    assert changed({down: [0.0, 0.0, -1.0 - 0.9e-3]}).payload.gravity_direction_in_base == DOWN
+    for wrong in ([0.0, 0.0, -1.0 - 1.1e-3], [0.0, 0.0, 0.0], [1e-310, 0.0, 0.0]):
+        (line,) = mistakes({down: wrong})
+        assert line.startswith("gravity_direction_in_base: the direction has length")
+
+
+def test_gravity_is_a_key_of_the_cell_alone() -> None:
+    """The old key names the new one, even with the same value; a dumped cell loads again."""
+    (line,) = mistakes({"payload.gravity_direction_in_base": [0.0, 0.0, -1.0]})
+    assert line.startswith("payload: gravity_direction_in_base is a key of the cell, not of its")
+    wall = changed({"gravity_direction_in_base": [1.0, 0.0, 0.0]})
+    assert wall.payload.gravity_direction_in_base == (1.0, 0.0, 0.0)
+    assert cell_from_tree(yaml.safe_load(dump_cell(wall)), "x.yaml") == wall
 
 
 @pytest.mark.parametrize(("name", "usual"), [("force_N", 50.0), ("speed_m_s", 0.25)])

@@ -163,7 +163,7 @@ def test_a_sensor_of_reactions_and_a_hanging_arm_give_the_same_readings() -> Non
     (finding,) = judge_installation(recorded, belief()).findings
     assert finding.code == "reaction"
     assert "push the tool" in finding.remedy
-    assert "payload.gravity_direction_in_base: [0, 0, 1]" in finding.remedy
+    assert "write gravity_direction_in_base: [0, 0, 1]" in finding.remedy
     hanging = replace(belief(), down_in_base=np.array([0.0, 0.0, 1.0]))
     assert judge_installation(recorded, hanging).verdict == "right"
     assert judge_installation(readings(), hanging).findings[0].code == "reaction"

@@ -19,6 +19,7 @@ from tests.unit.common.config.test_calibration import NOTHING_LEFT, calibration
 
 TRUE_PAYLOAD = IDEAL.payload
 HEAVY = TRUE_PAYLOAD.model_copy(update={"mass_kg": 2.0})
+ON_A_WALL = TRUE_PAYLOAD.model_copy(update={"gravity_direction_in_base": (1.0, 0.0, 0.0)})
 FRAMES = {"T_flange_tcp": IDEAL.tool.T_flange_tcp, "T_flange_sensor": IDEAL.sensor.T_flange_sensor}
 
 
@@ -104,6 +105,7 @@ OTHERS = [
         {"T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(120.0, 0.0, 0.0))},
         "90.0 degrees",
     ),
+    ({"payload": ON_A_WALL}, "gravity 90 degrees from gravity_direction_in_base"),
     ({"payload": HEAVY}, "2.00 kg, but contact.inertia_kg is 1.2"),
     ({"verified": None}, "not verified"),
     ({"verified": residuals(force_N=2.1)}, "2.10 N"),

@@ -53,6 +53,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(110, "not_ready",         "REFUSAL", "the inputs have not yet been valid for one whole second", "wait, and fix what is named"),
     FaultCode(111, "bad_messages",      "FAULT",   "more messages of a topic are duplicated, out of order or undecodable than correct", "check which clients are on the bus, and the network in between"),
     FaultCode(112, "internal",          "FAULT",   "a process raised an unexpected error and aborted what it was executing", "report it with the details from its log; clear and arm, and restart that process if it happens again"),
+    FaultCode(113, "no_challenge",      "REFUSAL", "the robot's process publishes no challenge, the number that a permission repeats", "let it draw `challenge` of robot/state anew at its start and after each dead lease, and refuse permissions with another one"),
     # --- 2xx: sensor and wrench --------------------------------------------------------------------
     FaultCode(201, "sensor_silent",     "FAULT",   "no data from the sensor: cable, power or address", "check cable and power; run `forcemesh doctor`"),
     FaultCode(202, "sensor_fault",      "FAULT",   "the sensor reports a fault of its own", "look up its status in the sensor's manual"),

@@ -28,6 +28,7 @@ Gain = Annotated[float, Meta(ge=0.0, le=LARGEST)]  # a negative gain would push 
 Gain3 = tuple[Gain, Gain, Gain]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Text = Annotated[str, Meta(max_length=500)]
+Challenge = Annotated[int, Meta(ge=0, lt=2**53)]  # exact where every number is a float; 0: none
 MAX_ITEMS = 64  # of any list or map
 MAX_SIGNALS = 24  # in one message, which stays below 1 kB
 Texts = Annotated[tuple[Text, ...], Meta(max_length=MAX_ITEMS)]
@@ -154,6 +155,7 @@ class RobotState(Message):
     sent: PoseRecord | None = None  # last set point sent to the arm, flange in base
     hold: Trip | None = None  # why the robot holds; None while it may move
     link: LinkHealth = LinkHealth()
+    challenge: Challenge = 0  # drawn at the start of the process and after each dead lease
 
     @property
     def hold_reason(self) -> str:
@@ -313,6 +315,7 @@ class Permission(Record):
     purpose: Purpose = (
         "all"  # of the lease; back_off: other limits apply (common/motion/back_off.py)
     )
+    challenge: Challenge = 0  # of the robot when the arm was armed: of no other start or lease
 
 
 class RobotCommand(Message):

@@ -2,7 +2,8 @@
 
 Version 1: an address is the key alone. Version 2: it names the cell too. Version 3: `robot/state`
 has a status for any robot, its hold as a whole `Trip` and one angle per joint; `ownership` was
-`turn`; the law of hand guiding is `admittance`, it was `guide`.
+`turn`; the law of hand guiding is `admittance`, it was `guide`. A robot state and a permission of
+before the challenge get one.
 """
 
 from collections.abc import Callable
@@ -17,6 +18,7 @@ M = TypeVar("M", bound=Message)
 Fields = dict[str, Any]
 
 READABLE_VERSIONS = (1, 2, SCHEMA_VERSION)
+OLD_CHALLENGE = 1  # of a recording from before the challenge: a replayed arbiter arms with it
 
 NEEDED = ("motor_power", "repeat_mode", "teach_lock_off", "program_running")
 FORBIDDEN = ("watchdog_latched", "error")
@@ -45,18 +47,23 @@ def readdressed(data: bytes, address: str) -> bytes:
         fields = unpack(data, READABLE_VERSIONS)
     except MessageError:
         return data
-    now = {"v": SCHEMA_VERSION, "topic": address}
-    if fields.get("v") not in READABLE_VERSIONS or fields | now == fields:
+    if fields.get("v") not in READABLE_VERSIONS:
         return data
-    return pack(_upgraded(fields, address.partition("/")[2]) | now)
+    now = {"v": SCHEMA_VERSION, "topic": address}
+    upgraded = _upgraded(fields, address.partition("/")[2]) | now
+    return data if upgraded == fields else pack(upgraded)
 
 
 def _upgraded(fields: Fields, key: str) -> Fields:
     """Return the fields as the present schema version has them."""
     upgrade = UPGRADES.get(key)
-    if upgrade is None or fields.get("v") == SCHEMA_VERSION:
-        return fields
-    return fields | upgrade(fields)
+    if upgrade is not None and fields.get("v") != SCHEMA_VERSION:
+        fields = fields | upgrade(fields)
+    if key == "robot/state":
+        return {"challenge": OLD_CHALLENGE} | fields
+    if key == "robot/command" and isinstance(permission := fields.get("permission"), dict):
+        return fields | {"permission": {"challenge": OLD_CHALLENGE} | permission}
+    return fields
 
 
 def _robot_state(fields: Fields) -> Fields:

@@ -49,6 +49,9 @@ refused with `busy` and the name of the owner. `hold` is accepted from every cli
 {{ranks}}
 - A **lease** starts when a person arms, and ends with every stop: no command under it moves the arm again.
   The tether is centred at the pose of arming for the whole lease.
+- The robot's process draws a **challenge**, a number, at its start and after each dead lease, and publishes it in
+  `robot/state`. Arming takes it, and every permission of the lease repeats it. A permission with another one is
+  refused (`no_lease`): a stream of yesterday, of another cell, of before a restart. So a recording moves no arm.
 - An **ownership** starts each time the command of a client ends. Its number (`turn`) is sent to the robot in every
   permission and returned in `robot/state`. The robot refuses leases and ownerships with a lower number.
 - A new owner waits in SETTLING until the robot reports, under the new ownership, that it has been

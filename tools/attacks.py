@@ -74,6 +74,7 @@ class Scene:
         """Observe the arm and all commands to it."""
         self.commands: list[bytes] = []
         self.joints: list[tuple[float, ...]] = []
+        self.challenge = 0  # of the robot, which any reader of its state can repeat
         self.key = f"{cell.cell}/{topics.ROBOT_COMMAND.key}"
         self.epoch = 2**61 + time.monotonic_ns() % 2**32  # of all forged messages
         self.forged = 0
@@ -89,7 +90,13 @@ class Scene:
         command = RobotCommand(
             kind="goal",
             commander="operator",
-            permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, ownership=1),
+            permission=Permission(
+                host="pc",
+                lease=STOLEN_LEASE,
+                deadline_s=0.1,
+                ownership=1,
+                challenge=self.challenge,
+            ),
             goal=Goal(id=STOLEN_LEASE, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)),
         )
         clock, topic = MonotonicClock(), self.key
@@ -108,6 +115,7 @@ class Scene:
 
     def _record_joints(self, sample: zenoh.Sample) -> None:
         _, state = decode(sample.payload.to_bytes(), RobotState)
+        self.challenge = state.challenge
         if state.joint_rad:  # a gateway without a controller has none
             self.joints.append(state.joint_rad)
 

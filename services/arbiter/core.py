@@ -34,7 +34,14 @@ from services.arbiter import inputs as input_checks
 from services.arbiter.commanders import REST_S, Commanders, CommandStep, PendingMove
 from services.arbiter.freeing import Freeing
 from services.arbiter.inputs import Inputs
-from services.arbiter.preflight import LEAST_REPORTS, Terms, failed_checks, load_text
+from services.arbiter.preflight import (
+    LEAST_REPORTS,
+    NO_LEASE,
+    LastLease,
+    Terms,
+    failed_checks,
+    load_text,
+)
 from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after, lines, recent, what_next
 from services.arbiter.stream import (
     REACTIONS,
@@ -78,6 +85,7 @@ class Arbiter:
         self._joints = JointTrack()
         self._lease, self._commanders.ownership.number = numbers
         self._lease_since_ns = 0
+        self._last_lease = NO_LEASE
         self._armed_for: Purpose = "all"
         self._writers: input_checks.Writers = {}  # publishers of the inputs at arming
         self._good_since_ns: int | None = None
@@ -116,6 +124,8 @@ class Arbiter:
                 tick = Tick(pose_of(robot), now_ns, min(dt_s, longest_s), longest_s)
                 command = self._move_on(robot, inputs, tick)
         if command is not None:
+            expires_ns = now_ns + round(self._deadline_s * NS_PER_S)
+            self._last_lease = self._last_lease._replace(expires_ns=expires_ns)
             return command
         if self.state == "FAULT":
             self.trips = recent((*self.trips, *input_checks.late_error(self.trips, inputs)))
@@ -130,9 +140,10 @@ class Arbiter:
         if self._last_inputs is None:  # why arming would be refused
             not_ready = [tripped("not_ready", "starting")]
         else:
-            not_ready = failed_checks(self._last_inputs, self._terms, self._good_since_ns, "all")
-        if self.state in MAY_MOVE:  # the causes that remain once the arm has come to rest
-            not_ready = [trip for trip in not_ready if trip.code != "moving"]
+            not_ready = self._failed_checks(self._last_inputs, self._good_since_ns, "all")
+        # The robot reports the end of a lease within its deadline: only `arm` waits for it.
+        passing = {"wait", "moving"} if self.state in MAY_MOVE else {"wait"}
+        not_ready = [trip for trip in not_ready if trip.code not in passing]
         return ArbiterStatus(
             state=self.state,
             commander=ownership.commander,
@@ -163,12 +174,11 @@ class Arbiter:
             self._load = None
         else:
             self._load, trip = in_move(self._cells.limits, self._load, wrench)
-        # A robot that still holds under a valid permission: its own checks found a cause.
+        # A robot that has drawn a new challenge, or still holds: its own checks found a cause.
         leased_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
-        if trip is None and robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S:
-            code, text = robot.hold.code, f"the robot holds: {robot.hold.text}"
-            code = code if code in FAULTS and code not in OWN_HOLDS else "robot_holds"
-            trip = robot.hold.replaced(code=code, rule=FAULTS[code].rule, text=clipped(text))
+        holds = robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S
+        if trip is None and (holds or robot.challenge != self._last_lease.challenge):
+            trip = _ended_by_robot(robot)
         if trip is not None or ownership.commander != "regulator":
             return trip
         target = inputs.target.message
@@ -218,6 +228,7 @@ class Arbiter:
             ownership=ownership.number,
             deadline_s=self._deadline_s,
             purpose=self._armed_for,
+            challenge=self._last_lease.challenge,
         )
         return RobotCommand(
             kind=step.kind,
@@ -279,23 +290,35 @@ class Arbiter:
             return refusal("state", f"armed for {purpose_text} alone: hold, then arm for all")
         if after(self.state, "arm") != "ARMED":
             return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
-        not_ready = failed_checks(inputs, self._terms, self._good_since_ns, purpose)
+        not_ready = self._failed_checks(inputs, self._good_since_ns, purpose)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
         bounds = replace(self._cells, T_armed=pose_of(robot))
-        self._begin_lease("arm", purpose, bounds, inputs)
+        self._begin_lease(purpose, robot, bounds, inputs)
         load = load_text(inputs, self._terms)
         unchecked = checks_off_text(self._space, bounds.T_armed, robot.joint_rad)
         forecast = self._terms.forecast if purpose == "all" else ""
         text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}{forecast}"
         return Reply(accepted=True, text=clipped(text))
 
-    def _begin_lease(self, event: str, purpose: Purpose, bounds: ArmBounds, inputs: Inputs) -> None:
+    def _failed_checks(
+        self, inputs: Inputs, good_since_ns: int | None, purpose: Purpose, *, blind: bool = False
+    ) -> list[Trip]:
+        """Return why the arm must not be armed."""
+        return failed_checks(
+            inputs, self._terms, good_since_ns, purpose, last=self._last_lease, blind=blind
+        )
+
+    def _begin_lease(
+        self, purpose: Purpose, robot: RobotState, bounds: ArmBounds, inputs: Inputs
+    ) -> None:
         self._armed_for, self._joints = purpose, JointTrack()
         self._commanders.drop()
+        event = "back_off" if purpose == "back_off" else "arm"
         self.state, self.trips = after(self.state, event), ()
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
+        self._last_lease = LastLease(robot.challenge)
         self._bounds, self._freeing = bounds, None
         lower = retreat_limits(bounds.limits, self._terms.cell.force)
         self._stream_bounds = replace(bounds, limits=lower)
@@ -312,13 +335,13 @@ class Arbiter:
         if "back_off" not in TABLE[self.state]:
             return refusal("state", f"the arbiter is {self.state}: hold first")
         since_ns = self._blind_since_ns if blind else self._good_since_ns
-        not_ready = failed_checks(inputs, self._terms, since_ns, "back_off", blind=blind)
+        not_ready = self._failed_checks(inputs, since_ns, "back_off", blind=blind)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
         plan = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
         if isinstance(plan, Trip):
             return refused(plan)
-        self._begin_lease("back_off", "back_off", plan.bounds, inputs)
+        self._begin_lease("back_off", robot, plan.bounds, inputs)
         self._freeing = plan
         move = PendingMove("operator", plan.goal, plan.speed, inputs.now_ns)
         reply, step = self._commanders.ask(move, robot, self._bounds)
@@ -367,6 +390,15 @@ class Arbiter:
         reply, step = self._commanders.ask(move, robot, self._bounds)
         self._note(step)
         return reply
+
+
+def _ended_by_robot(robot: RobotState) -> Trip:
+    """Return why the robot has ended the lease, or does not accept it."""
+    hold = robot.hold or tripped("robot_holds", "it has drawn a new challenge")
+    is_own = hold.code in OWN_HOLDS or hold.code not in FAULTS
+    code = "robot_holds" if is_own else hold.code
+    text = clipped(f"the robot holds: {hold.text}")
+    return hold.replaced(code=code, rule=FAULTS[code].rule, text=text)
 
 
 def _refuse_arming(trips: list[Trip]) -> Reply:

@@ -59,6 +59,16 @@ MOVES: tuple[Purpose, ...] = ("all", "jog")
 FORCE: tuple[Purpose, ...] = ("all",)
 
 
+class LastLease(NamedTuple):
+    """The last lease of this arbiter, which may live on in the robot for a moment."""
+
+    challenge: int = 0  # of the robot, repeated in its permissions; 0: no lease yet
+    expires_ns: int = 0  # deadline of its last permission
+
+
+NO_LEASE = LastLease()
+
+
 class PreflightContext(NamedTuple):
     """Arguments of a check."""
 
@@ -66,6 +76,7 @@ class PreflightContext(NamedTuple):
     terms: Terms
     good_s: float  # time since all inputs are received and valid
     blind: bool  # to back off without a measured force
+    last: LastLease = NO_LEASE
 
 
 class Check(NamedTuple):
@@ -90,6 +101,24 @@ def _at_rest(context: PreflightContext) -> list[Trip]:
         return []
     text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
     return [tripped("moving", text, value=rest_s, limit=needed_s, unit="s")]
+
+
+def _challenge(context: PreflightContext) -> list[Trip]:
+    """Check that the robot has a challenge, and that no lease of this arbiter has used it up.
+
+    Another one than of the last lease was drawn after the end of that lease. The same one counts
+    once the robot has published it after the last permission has expired: it was never accepted.
+    """
+    inputs, last = context.inputs, context.last
+    robot = inputs.robot.fresh
+    if robot is None:
+        return []
+    if not robot.challenge:
+        return [tripped("no_challenge", "robot/state has no challenge, so no lease can begin")]
+    published_ns = inputs.now_ns - inputs.robot.age_s * NS_PER_S
+    if robot.challenge == last.challenge and published_ns <= last.expires_ns:
+        return [tripped("wait", "the robot has not yet reported the end of the last lease")]
+    return []
 
 
 def _mismatched_roles(context: PreflightContext) -> list[Trip]:
@@ -187,6 +216,7 @@ CHECKS: tuple[Check, ...] = (
     Check("all inputs have been valid for a second", _steady, EVERY),
     Check("the controller is ready to move",
           lambda context: robot_faults(context.inputs), EVERY),
+    Check("the robot has a challenge that no lease has used", _challenge, EVERY),
     Check("every process has this cell file and version", _mismatched_roles, EVERY),
     Check("force below its ceiling, tool in the workspace", _limits, MOVES),
     Check("the arm is at rest where it was commanded", _at_rest, EVERY),
@@ -208,6 +238,7 @@ def failed_checks(
     good_since_ns: int | None,
     purpose: Purpose,
     *,
+    last: LastLease = NO_LEASE,
     blind: bool = False,
 ) -> list[Trip]:
     """Return why the arm must not be armed; faults of the inputs exclude all other checks.
@@ -217,10 +248,11 @@ def failed_checks(
         terms: Reference values.
         good_since_ns: Time since which the inputs are good [ns]; None: they are not.
         purpose: Purpose of arming.
+        last: The last lease of this arbiter.
         blind: To back off without a measured force.
     """
     good_s = 0.0 if good_since_ns is None else (inputs.now_ns - good_since_ns) / NS_PER_S
-    context, found = PreflightContext(inputs, terms, good_s, blind), list[Trip]()
+    context, found = PreflightContext(inputs, terms, good_s, blind, last), list[Trip]()
     for row in CHECKS:
         if purpose in row.purposes:
             found.extend(filter(None, row.failures(context)))

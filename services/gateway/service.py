@@ -71,7 +71,7 @@ class Gateway:
         self._driver = Driver(
             cell, self._dialogue, self._connection.send, guard=guard, shaper=shaper, reach=reach
         )
-        self._gate = CommandGate()
+        self._gate = CommandGate(bus.epoch)
         self.verdict = NO_COMMAND_YET  # command that is executed now, or why none is
         self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
         self._reported_ns = 0
@@ -195,6 +195,7 @@ class Gateway:
             sent=None if sent is None else record_of(sent),
             hold=hold,
             link=link,
+            challenge=self._gate.challenge,
         )
 
 

@@ -51,7 +51,7 @@ class SimRobot:
         self.arm = SimArm(settings, seed=settings.seed)
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
-        self._gate = CommandGate()
+        self._gate = CommandGate(bus.epoch)
         self.verdict = NO_COMMAND_YET  # permission in force, or the reason for a hold
         self._driver = SimDriver(cell, self.arm, self._motion)
         self._refusals = 0
@@ -137,6 +137,7 @@ class SimRobot:
                 sent=self._driver.sent,
                 hold=hold,
                 link=_LINK,
+                challenge=self._gate.challenge,
             )
         )
 

@@ -82,7 +82,7 @@ class Rig:
         self.state = RobotState(valid=False, reason="nothing yet")
         self.states: list[RobotState] = []
         self.track: list[tuple[float, pin.SE3]] = []  # time [s] and flange of every report
-        self.lease = 0
+        self.lease, self.challenge = 0, 0
         self.command: RobotCommand | None = None
         self.command_seq = 0
         self.wrench: WrenchAtTcp | None = None
@@ -151,11 +151,16 @@ class Rig:
         self.command = self._permitted(kind, host, **content)
 
     def _permitted(self, kind: str, host: Host = "pc", **content: Any) -> RobotCommand:
-        permission = Permission(host=host, lease=self.lease, deadline_s=DEADLINE_S)
+        permission = self.permission(host=host)
         content = {"speed": Speed(mechanical_m_s=0.1)} | content
         return RobotCommand.from_dict(
             {"kind": kind, "permission": permission, "commander": "operator"} | content
         )
+
+    def permission(self, **content: Any) -> Permission:
+        """Return a permission under the present lease."""
+        terms = {"host": "pc", "deadline_s": DEADLINE_S, "challenge": self.challenge}
+        return Permission.from_dict(terms | {"lease": self.lease} | content)
 
     def send_hold(self, reason: str = "asked to hold") -> None:
         """Publish hold every period from now on."""
@@ -183,11 +188,20 @@ class Rig:
         else:
             self._on_pc.use(gains)
 
-    def arm(self) -> None:
-        """Open a new lease and wait until the robot accepts it."""
-        self.lease += 1
-        self.send("idle")
-        self.until(lambda: self.state.valid and not self.state.hold_reason)
+    def arm(self, **terms: Any) -> None:
+        """Open a new lease and wait until the robot accepts it; again if its challenge was old."""
+
+        def begin() -> None:
+            self.lease, self.challenge = self.lease + 1, self.state.challenge
+            self.send("idle", permission=self.permission(**terms))
+
+        def accepts() -> bool:
+            if self.state.challenge not in {0, self.challenge}:
+                begin()
+            return self.state.valid and not self.state.hold_reason
+
+        begin()
+        self.until(accepts)
 
     def connect(self) -> None:
         """Wait until the robot reports its pose."""

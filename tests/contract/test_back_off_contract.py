@@ -6,7 +6,7 @@ import pytest
 
 from common.motion.back_off import SPEED_M_S
 from forcemesh.messages import Permission, Speed, WrenchAtTcp
-from tests.contract.rig import DEADLINE_S, Rig, pose_goal, shifted
+from tests.contract.rig import Rig, pose_goal, shifted
 
 SLOW = Speed(mechanical_m_s=SPEED_M_S)
 UP_N = 75.0
@@ -15,9 +15,7 @@ UP_N = 75.0
 def begin(rig: Rig, force_N: float = UP_N) -> pin.SE3:
     """Open a back-off lease while a force pushes the tool upwards; return the reported pose."""
     push(rig, force_N)
-    rig.lease += 1
-    rig.send("idle", permission=permission(rig))
-    rig.until(lambda: rig.state.valid and not rig.state.hold_reason)
+    rig.arm(purpose="back_off")
     assert rig.is_at_rest()
     return pin.SE3(rig.T)
 
@@ -29,7 +27,7 @@ def push(rig: Rig, force_N: float) -> None:
 
 def permission(rig: Rig) -> Permission:
     """Return a permission to back off."""
-    return Permission(host="pc", lease=rig.lease, deadline_s=DEADLINE_S, purpose="back_off")
+    return rig.permission(purpose="back_off")
 
 
 def send_goal(rig: Rig, number: int, T: pin.SE3, speed: Speed = SLOW) -> None:

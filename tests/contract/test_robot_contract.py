@@ -171,6 +171,8 @@ def test_a_goal_of_a_new_arbiter_is_not_mistaken_for_an_old_one(rig: Rig) -> Non
     start = rig.T
     rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.01)))
     rig.until(lambda: rig.state.goal.state == "done")
+    rig.silence()
+    rig.until(lambda: rig.state.hold_reason)
     rig.restart_arbiter()
     rig.lease = 0
     rig.arm()

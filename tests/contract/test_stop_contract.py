@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.motion.convert import record_of
-from forcemesh.messages import Gains, Permission, PoseRecord, WrenchAtTcp
+from forcemesh.messages import Gains, PoseRecord, WrenchAtTcp
 from tests.contract.rig import DEADLINE_S, Rig, distance_m, goal, pose_goal, shifted
 
 SPEED_M_S = 0.1  # of the goals; set points and feedback are slower
@@ -99,7 +99,7 @@ def test_the_deadline_of_the_permission_counts_also_when_it_is_the_shorter_one(r
     rig.arm()
     start = rig.T
     rig.arbiter_clock.late_s = 0.6 * DEADLINE_S
-    permission = Permission(host="pc", lease=rig.lease, deadline_s=0.4 * DEADLINE_S)
+    permission = rig.permission(deadline_s=0.4 * DEADLINE_S)
     rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.05)), permission=permission)
     rig.advance(0.4)
     assert "permission" in rig.state.hold_reason

@@ -157,7 +157,7 @@ class Product:
     """Both state machines, the wire between them, and a robot that follows its permission check."""
 
     core: TracedArbiter = field(default_factory=new_arbiter)
-    gate: CommandGate = field(default_factory=CommandGate)
+    gate: CommandGate = field(default_factory=lambda: CommandGate(1))
     now_ns: int = NS_PER_S
     epoch: int = 1  # of the arbiter's process
     seq: int = 0
@@ -195,6 +195,7 @@ class Product:
                 goal=self.goal,
                 accepted=self.verdict.accepted,
                 hold=self.verdict.hold,
+                challenge=self.gate.challenge,
             )
         else:
             message = TARGETS[self.target] if name == "target" else CONSTANT_MESSAGES[name]

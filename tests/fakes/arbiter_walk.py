@@ -241,12 +241,15 @@ def _gate_key(product: Product) -> Key:
     gate, turn = product.gate, product.status.ownership
     lease = (product.epoch, product.status.lease)
     accepted, obeys = gate._accepted, product.verdict.command is not None
-    live = None if gate._live_lease is None else gate._live_lease == lease
+    live, last = gate._is_live, product.core._last_lease
+    repeats = last.challenge == gate.challenge
     echo = accepted and (accepted.epoch, accepted.ownership) == (product.epoch, turn)
     if not product.may_move:
-        return (live, obeys, obeys and echo)
+        used = repeats and product.now_ns <= last.expires_ns
+        return (live, obeys, obeys and echo, used)
     old = None if product.before is None else product.before[0].epoch == product.epoch
-    return (live, obeys, echo, lease in gate._ended_leases, gate._newest == (*lease, turn), old)
+    newest = repeats and gate._newest == (*lease, turn)  # without it, all is refused
+    return (live, obeys, echo, repeats, newest, old)
 
 
 # --- the walk -------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from forcemesh.bus import Reading
 from forcemesh.codec import Header
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import (
+    MAY_MOVE,
     Health,
     Message,
     PoseRecord,
@@ -45,6 +46,7 @@ ROBOT_FAULTS = (
 T_START = pin.SE3(R_from_oat(Oat(0.0, pi, 0.0)), np.array([0.0, 0.5, 0.35]))  # flange, tool down
 FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
 STOPPED = RegulatorTarget(valid=False, reason="stopped")
+CHALLENGE = 4242  # of a robot that has known no arbiter
 SPOILED = "spoiled: 123 ms old, limit 100 ms"
 
 
@@ -56,6 +58,7 @@ def good_messages(cell: CellConfig) -> dict[str, Message]:
         position_m=start.position_m,
         orientation_xyzw=start.orientation_xyzw,
         status=FIT,
+        challenge=CHALLENGE,
     )
     health = Health(config_hash=cell_hash(cell), version=__version__)
     messages: dict[str, Message] = {
@@ -102,6 +105,10 @@ class World:
     def reading(self, name: str) -> Reading[Any]:
         """Return one input with its verdict, as a reader does."""
         message = self.messages[name]
+        if isinstance(message, RobotState) and message.challenge == CHALLENGE:
+            # Drawn after each lease and reported at once, unless a test has set another one.
+            leases = self.core.status().lease + (self.core.state not in MAY_MOVE)
+            message = message.replaced(challenge=CHALLENGE + leases)
         header = Header(seq=1, epoch=self.epochs.get(name, 1), boot="virtual", stamp_ns=self.now_ns)
         if name in self.silent:
             return Reading(message, header, 0.123, f"{name} {SPOILED}", silent=True, code="stale")

@@ -132,7 +132,8 @@ class GatewayWorld:
         bus = self._bus("robot")
         self.gateway = Gateway(bus, self.cell, self.controller)
         self.judge = PacketJudge(last_id(self.gateway._dialogue))
-        self.lease, self.turn, self.seq, self.epoch = 0, 0, 0, 1
+        self.turn, self.seq, self.epoch = 0, 0, 1
+        self.lease = 0
         self.kind = "hold"  # of the last command
         self.wrench: WrenchAtTcp | None = WrenchAtTcp()
         self.codes: set[str] = set()  # reason of the hold, or of the rejection
@@ -146,6 +147,16 @@ class GatewayWorld:
 
     def _bus(self, role: str) -> Bus:
         return Bus(role, self.cell.cell, self.transport, self.cell, self.clock, 7)
+
+    @property
+    def lease(self) -> int:
+        """Number of the present lease."""
+        return self._lease
+
+    @lease.setter
+    def lease(self, number: int) -> None:
+        """Begin a lease with the challenge that the gateway publishes."""
+        self._lease, self.challenge = number, self.gateway._gate.challenge
 
     @property
     def T(self) -> pin.SE3:
@@ -183,6 +194,7 @@ class GatewayWorld:
             lease=self.lease + lease,
             ownership=self.turn + turn,
             deadline_s=DEADLINE_S,
+            challenge=self.challenge,
         )
         speed = Speed(mechanical_m_s=0.05)
         return RobotCommand(

@@ -120,12 +120,14 @@ def from_a_gateway_alone() -> str:
 def from_a_bare_arm() -> str:
     """Command the simulated arm to do a task of a controller."""
     bench = Bench("robot", SimRobot)
-    permission = Permission(host="controller", lease=1, deadline_s=0.1)
+    bench.watch(topics.ROBOT_STATE)
+    bench.pass_s(0.1)
+    challenge = bench.newest(topics.ROBOT_STATE).challenge
+    permission = Permission(host="controller", lease=1, deadline_s=0.1, challenge=challenge)
     command = RobotCommand(
         kind="feedback", permission=permission, feedback=Feedback(mode="both", gains=Gains())
     )
     bench.before_step = lambda: bench.put(topics.ROBOT_COMMAND, command, Origin(1, 1))
-    bench.watch(topics.ROBOT_STATE)
     bench.pass_s(0.1)
     state = bench.newest(topics.ROBOT_STATE)
     return str(state.hold_code)

@@ -128,6 +128,8 @@ class HostileArbiter:
             "ownership": rng.choice((1, -1, 2**31)) if self._seldom(0.01) else 0,
             # For a whole lease: a back-off lease has other limits.
             "purpose": random.Random(self._lease).choice(PURPOSES),
+            # Read from the robot, as an authorised publisher can.
+            "challenge": 0 if state is None or self._seldom(0.002) else state.challenge,
         }
         if self._seldom(0.005):
             permission["deadline_s"] = rng.choice((1e-3, -1.0, 0.0))

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any, ClassVar
 from unittest.mock import patch
 
@@ -77,7 +78,8 @@ class KeptRig:
     def __init__(self, file: str, **changes: Any) -> None:
         """Start every service of a cell file with some values changed."""
         cell = load_cell(CELLS / file, changes)
-        with patch.object(virtual, "LockStepLink", KeptWire):
+        seeded = patch("forcemesh.bus.secrets.randbits", Random(1).getrandbits)
+        with patch.object(virtual, "LockStepLink", KeptWire), seeded:
             self.cell = VirtualCell(cell)
         self.wire = KeptWire.instances.pop() if KeptWire.instances else None
         self.taps: dict[str, Source] = {

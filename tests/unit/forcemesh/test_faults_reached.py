@@ -133,6 +133,13 @@ def after_a_restart() -> str:
     return cell.codes()[0]
 
 
+def without_a_challenge() -> str:
+    """Arm a robot that publishes none."""
+    cell = Cellmates()
+    cell.change("robot", challenge=0)
+    return when_arming(cell)
+
+
 def ask_armed(*requests: tuple[topics.Request[Any], Any]) -> str:
     """Ask for things while the arm is armed; return the last answer's code."""
     cell = Cellmates().arm()
@@ -249,6 +256,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "config":           partial(with_health, config_hash="0123456789ab"),
     "version":          partial(with_health, version="0.0.0"),
     "not_ready":        lambda: when_arming(Cellmates(), wait_s=0.5),
+    "no_challenge":     without_a_challenge,
     "sensor_silent":    partial(when_silent, "sensor"),
     "sensor_fault":     partial(from_the_wrench, status="fault"),
     "sensor_saturated": partial(from_the_wrench, force_N=(RANGE_N, 0.0, 0.0)),

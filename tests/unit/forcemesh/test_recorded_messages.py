@@ -19,6 +19,7 @@ from common.config.load import load_cell
 from forcemesh.clock import ManualClock
 from forcemesh.codec import SCHEMA_VERSION, decode, pack, unpack
 from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.messages import Permission
 from forcemesh.recorded_messages import READABLE_VERSIONS, decode_recorded, readdressed
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
@@ -137,6 +138,22 @@ def test_the_law_of_hand_guiding_has_another_name() -> None:
             pack(fields), BY_KEY["regulator/target"].message, "regulator/target"
         )
         assert message.law == law
+
+
+@pytest.mark.parametrize(("key", "part"), [("robot/state", ()), ("robot/command", ("permission",))])
+def test_a_recording_from_before_the_challenge_has_one(key: str, part: tuple[str, ...]) -> None:
+    """The same in state and permission: a replayed arbiter arms. A recorded one is kept."""
+    permission = Permission(host="pc", lease=1, deadline_s=0.1).as_dict()
+    fields = unpack(KEPT[2, key], READABLE_VERSIONS) | {"permission": permission}
+    for challenge in (None, 77):
+        holder = fields["permission"] if part else fields
+        holder.pop("challenge", None)
+        if challenge is not None:
+            holder["challenge"] = challenge
+        data = readdressed(pack(fields), f"demo/{key}")
+        _, message = decode_recorded(data, BY_KEY[key].message, key)
+        assert at(message.as_dict(), (*part, "challenge")) == (challenge or 1)
+        assert readdressed(data, f"demo/{key}") is data
 
 
 @pytest.mark.parametrize("status", [None, 7, "held"])

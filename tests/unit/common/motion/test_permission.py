@@ -16,6 +16,8 @@ from forcemesh.messages import Accepted, Permission, RobotCommand, RobotState
 
 DEADLINE_S = 0.04
 NOW_NS = 5 * NS_PER_S
+START = 7  # epoch of the robot's process
+FIRST = CommandGate(START).challenge  # of its first lease
 
 
 def command_reading(
@@ -26,6 +28,7 @@ def command_reading(
     turn: int = 0,
     age_s: float = 0.0,
     fault: str = "",
+    challenge: int = FIRST,
 ) -> Reading[RobotCommand]:
     """Return the reading of a command; without a lease it is the arbiter's hold."""
     header = Header(
@@ -33,7 +36,9 @@ def command_reading(
     )
     if lease is None:
         return Reading(RobotCommand(reason="the arbiter is FAULT"), header, age_s, fault)
-    permission = Permission(host="pc", lease=lease, ownership=turn, deadline_s=DEADLINE_S)
+    permission = Permission(
+        host="pc", lease=lease, ownership=turn, deadline_s=DEADLINE_S, challenge=challenge
+    )
     return Reading(RobotCommand(kind="idle", permission=permission), header, age_s, fault)
 
 
@@ -43,7 +48,7 @@ NOTHING: Reading[RobotCommand] = Reading(None, None, float("inf"), "robot/comman
 @pytest.fixture
 def gate() -> CommandGate:
     """A robot that has just started."""
-    return CommandGate()
+    return CommandGate(START)
 
 
 def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
@@ -123,7 +128,8 @@ def test_a_missed_deadline_ends_the_lease_for_good(
         verdict = gate.judge(command_reading(seq=seq), NOW_NS)
         assert verdict.command is None
         assert verdict.hold_reason.startswith("lease 1 ended: ")
-    assert gate.judge(command_reading(lease=2, seq=50), NOW_NS).command is not None
+    again = command_reading(lease=2, seq=50, challenge=gate.challenge)
+    assert gate.judge(again, NOW_NS).command is not None
 
 
 def test_a_lease_number_of_another_arbiter_is_another_lease(gate: CommandGate) -> None:
@@ -132,18 +138,48 @@ def test_a_lease_number_of_another_arbiter_is_another_lease(gate: CommandGate) -
     gate.judge(NOTHING, NOW_NS)
 
     assert gate.judge(command_reading(lease=1, epoch=1, seq=2), NOW_NS).command is None
-    assert gate.judge(command_reading(lease=1, epoch=2), NOW_NS).command is not None
+    armed = command_reading(lease=1, epoch=2, challenge=gate.challenge)
+    assert gate.judge(armed, NOW_NS).command is not None
 
 
-def test_the_last_64_leases_that_ended_stay_dead(gate: CommandGate) -> None:
-    """However many arbiters were started: as many as the bus's reader bounds former writers to."""
+def test_every_lease_that_ended_stays_dead(gate: CommandGate) -> None:
+    """However many there were; the reason is known of the last one."""
+    ended = []
     for epoch in range(1, 66):
-        assert gate.judge(command_reading(epoch=epoch), NOW_NS).command is not None
+        ended.append(command_reading(epoch=epoch, challenge=gate.challenge))
+        assert gate.judge(ended[-1], NOW_NS).command is not None
         gate.judge(NOTHING, NOW_NS)
 
-    for epoch in range(2, 66):
-        again = gate.judge(command_reading(epoch=epoch, seq=2), NOW_NS)
-        assert (again.command, again.hold_reason) == (None, "lease 1 ended: robot/command missing")
+    *others, last = [gate.judge(reading, NOW_NS) for reading in ended]
+    assert {(verdict.command, verdict.hold_code) for verdict in others} == {(None, "no_lease")}
+    assert last.command is None
+    assert last.hold_reason == "lease 1 ended: robot/command missing"
+
+
+@pytest.mark.parametrize("challenge", [0, FIRST - 1, CommandGate(START + 1).challenge])
+def test_a_robot_that_has_known_no_arbiter_executes_nothing_of_another_life(
+    gate: CommandGate, challenge: int
+) -> None:
+    """Without a challenge, or with that of another start, of a message that is fresh and whole."""
+    assert gate.challenge == FIRST
+    verdict = gate.judge(command_reading(challenge=challenge), NOW_NS)
+    assert (verdict.command, verdict.hold_code, verdict.accepted) == (None, "no_lease", None)
+    assert str(challenge) in verdict.hold_reason
+    assert gate.challenge == FIRST  # nothing was alive, so nothing has died
+    assert gate.judge(command_reading(), NOW_NS).command is not None
+
+
+def test_a_challenge_is_never_repeated() -> None:
+    """Each start and each dead lease has its own, and JSON carries it without rounding."""
+    drawn = []
+    for epoch in range(30):
+        gate = CommandGate(epoch)
+        for _ in range(30):
+            drawn.append(gate.challenge)
+            gate.judge(command_reading(challenge=gate.challenge), NOW_NS)
+            gate.judge(NOTHING, NOW_NS)
+    assert len(set(drawn)) == len(drawn)
+    assert all(0 < challenge < 2**53 for challenge in drawn)
 
 
 def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:
@@ -179,8 +215,8 @@ def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> No
 class Model:
     """The state of the gate, in its plainest form."""
 
-    live: tuple[int, int] | None = None
-    ended: frozenset[tuple[int, int]] = frozenset()
+    live: int | None = None  # challenge
+    ended: frozenset[int] = frozenset()
 
 
 class GateMachine(RuleBasedStateMachine):
@@ -189,15 +225,15 @@ class GateMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         """Start a robot and a model of it."""
         super().__init__()
-        self.gate = CommandGate()
+        self.gate, self.starts = CommandGate(START), START
         self.model = Model()
-        self.epoch, self.lease, self.seq = 1, 1, 0
+        self.epoch, self.lease, self.seq, self.challenge = 1, 1, 0, FIRST
         self.verdict = NO_COMMAND_YET
 
     def receive(self, reading: Reading[RobotCommand], *, good: bool) -> None:
         """Let the gate judge, and compare with the model."""
         self.verdict = self.gate.judge(reading, NOW_NS)
-        key = (self.epoch, self.lease)
+        key = self.challenge
         obeyed = good and key not in self.model.ended
         assert (self.verdict.command is not None) == obeyed
         if obeyed:
@@ -210,14 +246,18 @@ class GateMachine(RuleBasedStateMachine):
     def command(self, age_s: float) -> None:
         """A command with a permission, in time or not."""
         self.seq += 1
-        reading = command_reading(self.lease, seq=self.seq, epoch=self.epoch, age_s=age_s)
-        self.receive(reading, good=age_s <= DEADLINE_S)
+        self.receive(self.reading(age_s), good=age_s <= DEADLINE_S)
+
+    def reading(self, age_s: float = 0.0) -> Reading[RobotCommand]:
+        """Return the last command that the arbiter has sent."""
+        number = {"seq": self.seq, "epoch": self.epoch, "challenge": self.challenge}
+        return command_reading(self.lease, **number, age_s=age_s)
 
     @rule()
     def repeat(self) -> None:
         """No new command came; the last one is still fresh."""
         if self.seq:
-            self.receive(command_reading(self.lease, seq=self.seq, epoch=self.epoch), good=True)
+            self.receive(self.reading(), good=True)
 
     @rule()
     def silence(self) -> None:
@@ -241,13 +281,20 @@ class GateMachine(RuleBasedStateMachine):
     @rule()
     def arm(self) -> None:
         """A person arms again: a new lease."""
-        self.lease += 1
+        self.lease, self.challenge = self.lease + 1, self.gate.challenge
 
     @rule()
     def restart_the_arbiter(self) -> None:
         """A new epoch; leases count anew."""
         self.epoch += 1
-        self.lease, self.seq = 1, 0
+        self.lease, self.seq, self.challenge = 1, 0, self.gate.challenge
+
+    @rule()
+    def restart_the_robot(self) -> None:
+        """It knows nothing of its life before, and obeys none of its leases."""
+        self.model = Model(ended=self.model.ended | {self.gate.challenge})
+        self.starts += 1
+        self.gate, self.verdict = CommandGate(self.starts), NO_COMMAND_YET
 
     @invariant()
     def a_hold_has_a_reason_and_a_command_has_none(self) -> None:
@@ -263,31 +310,32 @@ def test_each_lease_dies_when_it_misses_and_an_older_one_never_lives_again(
     order: list[int],
 ) -> None:
     """Whichever lease is live when the deadline is missed is dead, and so are those before."""
-    gate, newest = CommandGate(), 0
+    gate, newest = CommandGate(START), 0
     for seq, lease in enumerate(order, start=1):
-        assert (gate.judge(command_reading(lease, seq=seq), NOW_NS).command is not None) == (
-            lease > newest
-        )
-        newest = max(newest, lease)
-        assert gate.judge(NOTHING, NOW_NS).command is None
-        assert gate.judge(command_reading(lease, seq=seq + 100), NOW_NS).command is None
+        reading = command_reading(lease, seq=seq, challenge=gate.challenge)
+        assert (gate.judge(reading, NOW_NS).command is not None) == (lease >= newest)
+        if lease >= newest:
+            newest = lease
+            assert gate.judge(NOTHING, NOW_NS).command is None
+            assert gate.judge(reading, NOW_NS).command is None
 
 
 @given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), min_size=1, max_size=12))
 def test_turns_of_a_lease_never_go_back(published: list[tuple[int, int]]) -> None:
     """A command is accepted if none before it is newer; an older one ends the lease for good."""
-    gate, ended = CommandGate(), 0
-    newest = (0, 0)
+    gate = CommandGate(START)
+    newest, live = (0, 0), NOTHING
     for seq, (lease, turn) in enumerate(published, start=1):
-        verdict = gate.judge(command_reading(lease, seq=seq, turn=turn), NOW_NS)
-        obeyed = (lease, turn) >= newest and lease > ended
+        reading = command_reading(lease, seq=seq, turn=turn, challenge=gate.challenge)
+        verdict = gate.judge(reading, NOW_NS)
+        obeyed = (lease, turn) >= newest
         assert (verdict.command is not None) == obeyed
         if obeyed:
-            newest = (lease, turn)
+            newest, live = (lease, turn), reading
             assert verdict.accepted is not None
             assert verdict.accepted.ownership == turn
         else:
-            ended = newest[0]
+            assert gate.judge(live, NOW_NS).command is None
 
 
 @pytest.mark.parametrize("why", ["two writers", "late"])
@@ -305,28 +353,22 @@ def test_a_turn_that_was_received_and_refused_ends_the_ones_before_it_all_the_sa
 
 def test_a_new_turn_does_not_revive_a_dead_lease() -> None:
     """Another client's turn does not permit motion after a missed deadline: a person arms first."""
-    gate = CommandGate()
+    gate = CommandGate(START)
     assert gate.judge(command_reading(1, turn=1), NOW_NS).command is not None
     gate.judge(NOTHING, NOW_NS)
 
     assert gate.judge(command_reading(1, seq=2, turn=2), NOW_NS).command is None
-    assert gate.judge(command_reading(2, seq=3, turn=2), NOW_NS).command is not None
+    armed = command_reading(2, seq=3, turn=2, challenge=gate.challenge)
+    assert gate.judge(armed, NOW_NS).command is not None
 
 
 def test_a_command_of_any_ended_lease_ends_the_live_one_and_stays_dead() -> None:
     """Also of an arbiter before the present one: after an interruption a person arms."""
-    gate = CommandGate()
-    assert gate.judge(command_reading(1), NOW_NS).command is not None
-    gate.judge(NOTHING, NOW_NS)
-    assert gate.judge(command_reading(2, seq=2), NOW_NS).command is not None
-    gate.judge(NOTHING, NOW_NS)
-    assert gate.judge(command_reading(3, seq=3, epoch=9), NOW_NS).command is not None
-
-    for ended in (
-        command_reading(1, seq=4),
-        command_reading(3, seq=5, epoch=9),
-        command_reading(2, seq=6),
-        command_reading(3, seq=7, epoch=9),
-    ):
-        assert gate.judge(ended, NOW_NS).command is None
-    assert gate.judge(command_reading(4, seq=8, epoch=9), NOW_NS).command is not None
+    gate, ended = CommandGate(START), list[Reading[RobotCommand]]()
+    for lease, epoch in ((1, 1), (2, 1), (3, 9)):
+        live = command_reading(lease, epoch=epoch, challenge=gate.challenge)
+        assert gate.judge(live, NOW_NS).command is not None
+        for reading in (*ended, live) if ended else ():
+            assert gate.judge(reading, NOW_NS).command is None
+        gate.judge(NOTHING, NOW_NS)
+        ended.append(live)

@@ -1,7 +1,9 @@
-"""A restarted arbiter: its status names the restart as the cause of the hold."""
+"""A restarted arbiter, whose status names the restart; a robot that has ended its lease."""
+
+import pytest
 
 from forcemesh.faults import tripped
-from forcemesh.messages import Accepted
+from forcemesh.messages import Accepted, Trip
 from services.arbiter.core import Arbiter
 from tests.fakes.arbiter_world import DEADLINE_S, World
 
@@ -42,3 +44,22 @@ def test_a_process_begins_without_a_lease():
     """Only a replay gives other numbers."""
     status = World().core.status()
     assert (status.lease, status.ownership) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("hold", "code"),
+    [
+        (None, "robot_holds"),
+        (tripped("tracking", "HOLD on the pendant"), "tracking"),
+        (tripped("no_lease", "of another start"), "robot_holds"),
+    ],
+)
+def test_a_robot_with_another_challenge_has_ended_the_lease(hold: Trip | None, code: str):
+    """At once, while one that still holds has time to answer; the robot's own cause is named."""
+    world = World().make_ready()
+    assert world.core.arm(world.inputs()).accepted
+    world.change("robot", hold=hold)
+    assert world.tick().permission is not None
+    world.change("robot", challenge=1)
+    assert world.tick().permission is None
+    assert (world.core.state, world.core.status().trips[-1].code) == ("HOLDING", code)

@@ -11,7 +11,16 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
 from forcemesh.version import __version__
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
-from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
+from tests.fakes.arbiter_world import (
+    CELL,
+    DEADLINE_S,
+    FIT,
+    MOVE_DOWN,
+    PERIOD_NS,
+    T_START,
+    World,
+    shifted,
+)
 from tests.fakes.bench import cell_with
 
 IDLE_MAX_N = CELL.force.idle_max_N
@@ -97,6 +106,50 @@ def test_commanded_motion_is_no_fault() -> None:
     world.change("robot", status=FIT.replaced(moving=True))
     world.tick()
     assert world.core.status().not_ready == ()
+
+
+def test_a_robot_without_a_challenge_is_not_armed() -> None:
+    """One of another author, or an older one: the remedy says what it must publish."""
+    world = World().make_ready()
+    world.change("robot", challenge=0)
+    assert refused_with(world) == ("no_challenge", False)
+    (check,) = (check for check in CHECKS if "challenge" in check.what)
+    assert [trip.code for trip in check.failures(context_of(world))] == ["no_challenge"]
+    world.silent = {"robot"}  # a fault of its own
+    assert check.failures(context_of(world)) == []
+
+
+def context_of(world: World) -> PreflightContext:
+    """Return the arguments of a check."""
+    return PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+
+
+def test_a_lease_never_begins_with_the_challenge_of_the_one_before() -> None:
+    """The robot reports another one, or the same one after the last permission has expired."""
+    world = World().make_ready()
+    world.change("robot", challenge=7)
+    assert world.core.arm(world.inputs()).accepted
+    assert permitted_challenge(world) == 7
+    assert world.core.status().not_ready == ()
+    world.core.hold("enough")
+    world.tick()
+    assert refused_with(world) == ("wait", False)
+    world.change("robot", challenge=8)
+    assert world.core.arm(world.inputs()).accepted
+    assert permitted_challenge(world) == 8
+    world.core.hold("enough")
+    for _ in range(round(DEADLINE_S * NS_PER_S / PERIOD_NS)):
+        world.tick()
+        assert refused_with(world) == ("wait", False)
+    world.tick()
+    assert world.core.arm(world.inputs()).accepted
+
+
+def permitted_challenge(world: World) -> int:
+    """Return the challenge of the next command's permission."""
+    permission = world.tick().permission
+    assert permission is not None
+    return permission.challenge
 
 
 @pytest.mark.parametrize("purpose", ["all", "jog"])
@@ -297,9 +350,9 @@ def test_a_change_from_jog_to_all_requires_a_hold() -> None:
 def test_the_list_names_each_check_and_only_force_is_left_out() -> None:
     """There is one row per rule of the preflight."""
     names = [check.what for check in CHECKS]
-    assert len(set(names)) == len(names) == 11
+    assert len(set(names)) == len(names) == 12
     assert [check.purposes for check in CHECKS[-5:]] == [("all",)] * 5
-    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [names[4]]
+    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [names[5]]
 
 
 def test_a_lost_input_is_reported_alone() -> None:
@@ -362,7 +415,7 @@ def test_an_unknown_age_of_the_tare_is_no_fault(silent: set[str]) -> None:
     if silent == {"wrench"}:
         world.change("wrench/health", numbers={"tare_age_h": 9.0})
     world.silent = silent
-    context = PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+    context = context_of(world)
     assert list(CHECKS[-1].failures(context)) == []
 
 

@@ -128,7 +128,6 @@ class GatewayMachine(RuleBasedStateMachine):
         """Let another arbiter process arm."""
         world = self.world
         world.epoch, world.seq, world.lease, world.turn = world.epoch + 1, 0, 1, 0
-        world.sent.clear()
         self.send("idle")
 
     # --- commands that no arbiter sends -----------------------------------------------------------

@@ -134,6 +134,7 @@ fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--mess
 
 hostile: setup ## ten thousand hostile requests and messages to a running cell: ARGS="--count 500"
 	@$(BIN)/python -m tools.hostile --up $(ARGS)
+	@$(BIN)/python -m tools.playback
 
 flips: setup ## spoil every digit of every report of the controller in turn, some hours
 	@EVERY_FLIP=1 $(BIN)/python -m pytest -q -n auto -m long tests/contract/test_abuse_reports.py $(ARGS)

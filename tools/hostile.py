@@ -20,7 +20,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from operator import sub
 from pathlib import Path
@@ -36,6 +36,7 @@ MOVED_RAD = 1e-3
 SPEED_M_S = 0.6  # no demo moves so fast; its limit is 0.25 m/s
 HOLD_S = 5.0  # until a hold must be reported, on a loaded machine
 ROUND = 100  # attacks between two tries of hold
+PLAYED_BOOT = "another boot"  # of a recording that is played back (tools/playback.py)
 
 LATE_SHARE = 0.1
 ALWAYS = {"request/hold", "request/force/stop"}  # executed at any age
@@ -111,6 +112,7 @@ class HostileClient:
         self.received_s: dict[str, float] = {}
         self.fastest_m_s, self.late_executed = 0.0, 0
         self.replies: Counter[str] = Counter()
+        self.record: Callable[[str, dict[str, Any]], None] | None = None  # of every message
         self._lock = threading.Lock()
         self._epochs: set[int] = set()  # of the cell's own publishers: all others are ours
         self._own = True
@@ -124,7 +126,11 @@ class HostileClient:
             return
         if not isinstance(fields, dict) or not isinstance(fields.get("epoch"), int):
             return
+        if fields["boot"] == PLAYED_BOOT:
+            return
         with self._lock:
+            if self.record is not None:
+                self.record(str(sample.key_expr), fields)
             if self._own:
                 self._epochs.add(fields["epoch"])
             elif fields["epoch"] not in self._epochs:
@@ -142,14 +148,18 @@ class HostileClient:
 
     def ready(self) -> dict[str, int]:
         """Wait for the health of every process; return their process ids."""
+        self.until_received({f"{role}/health" for role in ROLES} | {"robot/state"})
+        self.until_received({"arbiter/status"})
+        self._own = False
+        return {role: self.newest[f"{role}/health"]["pid"] for role in ROLES}
+
+    def until_received(self, expected: set[str]) -> None:
+        """Wait for a message of each topic."""
         give_up_s = time.monotonic() + PATIENCE_S
-        expected = {f"{role}/health" for role in ROLES} | {"robot/state", "arbiter/status"}
         while not expected <= set(self.newest):
             if time.monotonic() > give_up_s:
                 sys.exit(f"never received: {', '.join(sorted(expected - set(self.newest)))}")
             time.sleep(0.1)
-        self._own = False
-        return {role: self.newest[f"{role}/health"]["pid"] for role in ROLES}
 
     def ask(self, key: str, data: bytes, timeout_s: float = 0.5) -> dict[str, Any] | None:
         """Send a request, again while no server is found (after a reconnect); return the reply."""
@@ -303,8 +313,8 @@ def is_unaffected(found: dict[str, Any]) -> bool:
 
 
 @contextmanager
-def running_cell(cell_file: str) -> Iterator[str]:
-    """Start a cell on a free port; yield its endpoint."""
+def free_place() -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Yield a free endpoint, a folder, and the environment of processes that use both."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with tempfile.TemporaryDirectory() as folder:
@@ -313,10 +323,17 @@ def running_cell(cell_file: str) -> Iterator[str]:
             "FORCEMESH_RUN_FOLDER": folder,
             "FORCEMESH_RECORDINGS": f"{folder}/recordings",
         }
+        yield endpoint, folder, os.environ | moved
+
+
+@contextmanager
+def running_cell(cell_file: str) -> Iterator[str]:
+    """Start a cell on a free port; yield its endpoint."""
+    with free_place() as (endpoint, folder, environment):
         command = [sys.executable, "-m", "cli", "up", "--no-panel", "--cell", cell_file]
         with Path(folder, "log").open("w", encoding="utf-8") as log:
             up = subprocess.Popen(
-                command, cwd=ROOT, env=os.environ | moved, stdout=log, stderr=subprocess.STDOUT
+                command, cwd=ROOT, env=environment, stdout=log, stderr=subprocess.STDOUT
             )
         try:
             while "is up" not in Path(folder, "log").read_text(encoding="utf-8"):

@@ -38,6 +38,17 @@ def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_f
     assert found["replies"]["malformed"] > count // 10
 
 
+def test_a_recording_played_back_moves_nothing(cell_file: Path) -> None:
+    """Neither an armed cell, nor a robot that has known no arbiter: `make hostile` runs it too."""
+    command = [sys.executable, "-m", "tools.playback", str(cell_file)]
+    command += ["--cell", load_cell(cell_file).cell]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout)
+    assert {"idle", "goal"} <= found["permitted"].keys()
+    assert "no_lease" in found["robot_alone"]["holds"]
+
+
 def test_the_hostile_client_imports_nothing_of_forcemesh() -> None:
     """Its knowledge of the cell could be read in the documentation."""
     tree = ast.parse((ROOT / "tools" / "hostile.py").read_text(encoding="utf-8"))

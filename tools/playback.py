@@ -1,0 +1,156 @@
+"""Playback of a whole recording: no command of a life that is over moves an arm.
+
+python -m tools.playback [FILE] [--cell NAME]
+
+Records every message of a simulated cell that is armed and moves. Plays the recording back on its
+own keys and under another boot, so that the age of its messages counts from their receipt: into
+another start of the cell, armed, and to a robot that has known no arbiter. Exit code 1 if the arm
+moved or the robot executed a command. It uses Zenoh and MessagePack, as the hostile client does.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from operator import sub
+from typing import Any
+
+import msgpack
+
+from tools.hostile import (
+    HOLD_S,
+    MOVED_RAD,
+    PATIENCE_S,
+    PLAYED_BOOT,
+    ROLES,
+    ROOT,
+    HostileClient,
+    connected,
+    free_place,
+    running_cell,
+)
+
+MOVE = {"kind": "by", "joint_rad": (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)}
+MOVES_S = 2.0
+GOOD_S = 1.5  # until the inputs have been valid for a second
+Recording = list[tuple[float, str, dict[str, Any]]]  # time [s], key, fields
+
+
+def recorded_job(client: HostileClient) -> Recording:
+    """Arm and move the arm as an operator does; return every message of the cell."""
+    client.until_received({f"{role}/health" for role in ROLES})
+    time.sleep(GOOD_S)
+    recording: Recording = []
+    client.record = lambda key, fields: recording.append((time.monotonic(), key, fields))
+    if not in_time(lambda: client.armed() and moves(client)):
+        sys.exit(f"nothing to play back: the arm did not move, replies {dict(client.replies)}")
+    time.sleep(MOVES_S)
+    if not in_time(client.hold_works):
+        sys.exit("nothing to play back: the arm was not held")
+    client.record = None
+    return recording
+
+
+def moves(client: HostileClient) -> bool:
+    """Request a move; return whether it is accepted."""
+    reply = client.ask("request/move", bytes(msgpack.packb(MOVE)), HOLD_S)
+    return bool(reply and reply["accepted"])
+
+
+def in_time(succeeds: Callable[[], bool]) -> bool:
+    """Return whether an action succeeds; on a loaded machine it is repeated."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not (success := succeeds()) and time.monotonic() < give_up_s:
+        time.sleep(0.5)
+    return success
+
+
+def played_back(client: HostileClient, recording: Recording) -> dict[str, Any]:
+    """Publish a recording; return the joint motion, and the robot's holds by code."""
+    rest, moved_rad, holds = client.joints(), 0.0, Counter[str]()
+    began_s, first_s = time.monotonic(), recording[0][0]
+    for at_s, key, fields in recording:
+        time.sleep(max(0.0, at_s - first_s - (time.monotonic() - began_s)))
+        client.session.put(key, bytes(msgpack.packb({**fields, "boot": PLAYED_BOOT})))
+        moved_rad = max(moved_rad, *map(abs, map(sub, client.joints(), rest)))
+        holds[(client.newest["robot/state"]["hold"] or {"code": ""})["code"]] += 1
+    return {"moved_rad": moved_rad, "holds": dict(holds)}
+
+
+@contextmanager
+def robot_alone(cell_file: str) -> Iterator[str]:
+    """Start the hub and the simulated robot of a cell without an arbiter; yield the endpoint."""
+    with free_place() as (endpoint, _, environment):
+        processes = [
+            subprocess.Popen(
+                [sys.executable, "-m", module, "--cell", cell_file], cwd=ROOT, env=environment
+            )
+            for module in ("services.hub", "sim.robot")
+        ]
+        try:
+            yield endpoint
+            if any(process.poll() is not None for process in processes):
+                sys.exit("the hub or the robot ended")
+        finally:
+            for process in processes:
+                process.terminate()
+                process.wait(PATIENCE_S)
+
+
+@contextmanager
+def client_at(endpoint: str, cell: str) -> Iterator[HostileClient]:
+    """Yield a client of a cell."""
+    session = connected(endpoint)
+    try:
+        yield HostileClient(session, cell, seed=1)
+    finally:
+        session.close()
+
+
+def play_back(cell_file: str, cell: str) -> dict[str, Any]:
+    """Record a moving cell; play it into a new start of the cell, and to a robot alone."""
+    with running_cell(cell_file) as endpoint, client_at(endpoint, cell) as client:
+        recording = recorded_job(client)
+    with running_cell(cell_file) as endpoint, client_at(endpoint, cell) as client:
+        client.ready()
+        time.sleep(GOOD_S)
+        armed = in_time(client.armed)
+        in_a_cell = played_back(client, recording)
+    with robot_alone(cell_file) as endpoint, client_at(endpoint, cell) as client:
+        client.until_received({"robot/state"})
+        alone = played_back(client, recording)
+    permitted = Counter(fields["kind"] for *_, fields in recording if fields.get("permission"))
+    return {
+        "messages": len(recording),
+        "permitted": dict(permitted),
+        "armed": armed,
+        "in_a_cell": in_a_cell,
+        "robot_alone": alone,
+    }
+
+
+def is_unaffected(found: dict[str, Any]) -> bool:
+    """Return whether a recording with commands has moved nothing."""
+    moved_rad = max(found[run]["moved_rad"] for run in ("in_a_cell", "robot_alone"))
+    executed = "" in found["robot_alone"]["holds"]
+    is_proof = found["armed"] and found["permitted"].get("goal", 0) > 0
+    return bool(is_proof and moved_rad < MOVED_RAD and not executed)
+
+
+def main() -> int:
+    """Play back, print the results."""
+    parser = argparse.ArgumentParser(prog="tools.playback", description=__doc__)
+    parser.add_argument("file", nargs="?", default="cells/demo.yaml", help="a simulated cell")
+    parser.add_argument("--cell", default="demo", help="its name on the bus")
+    given = parser.parse_args()
+    found = play_back(given.file, given.cell)
+    print(json.dumps(found, indent=1))
+    return 0 if is_unaffected(found) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

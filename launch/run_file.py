@@ -1,7 +1,8 @@
 """Run file: record of the processes that a supervisor has started, kept current while it runs.
 
 `forcemesh/<cell>.json` in XDG_RUNTIME_DIR, else `.run/<cell>.json` in the project's folder, else in
-a private folder of the temporary directory. A folder that another user owns or may write is not used.
+a private folder of the temporary directory. A folder that another user owns or may write is not
+used.
 The file is removed when a cell ends normally, and kept after a death.
 """
 

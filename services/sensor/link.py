@@ -22,7 +22,8 @@ RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
 REPEAT_REQUEST_S = 0.25  # during silence
 REOPEN_AFTER = 8  # unanswered requests: the network may have changed
 PAGE_TIMEOUT_S = 2.0
-FETCH_AGAIN_S = 1.0
+FETCH_AGAIN_S = 1.0  # until the page is received
+VERIFY_AGAIN_S = 2.0  # from then on: its user may change units or calibration while it streams
 MOST_PAGE_BYTES = 200_000
 
 
@@ -137,30 +138,32 @@ class UdpLink:
 
 
 class PageFetch:
-    """HTTP client that repeats its request every second until the page is received."""
+    """HTTP client that requests the page until it is received, then again to verify it."""
 
     def __init__(self, host: str, port: int) -> None:
         """Store the address; the first `poll` sends the request."""
         self.fault = "not read yet"
+        self.verified_ns = 0  # request of the newest page
         self._where = (host, port)
         self._page: SettingsPage | None = None
         self._next_ns = 0
         self._thread: threading.Thread | None = None
 
     def poll(self, now_ns: int) -> SettingsPage | None:
-        """Return the page, None until it is received."""
+        """Return the newest page, None until it is received."""
         busy = self._thread is not None and self._thread.is_alive()
-        if self._page is None and not busy and now_ns >= self._next_ns:
-            self._next_ns = now_ns + round(FETCH_AGAIN_S * NS_PER_S)
-            self._thread = threading.Thread(target=self._fetch, daemon=True)
+        if not busy and now_ns >= self._next_ns:
+            wait_s = FETCH_AGAIN_S if self._page is None else VERIFY_AGAIN_S
+            self._next_ns = now_ns + round(wait_s * NS_PER_S)
+            self._thread = threading.Thread(target=self._fetch, args=(now_ns,), daemon=True)
             self._thread.start()
         return self._page
 
     def clear(self) -> None:
         """Drop the page and fetch it again: the sensor may have been replaced."""
-        self._page, self.fault = None, "not read yet"
+        self._page, self.fault, self._next_ns = None, "not read yet", 0
 
-    def _fetch(self) -> None:
+    def _fetch(self, asked_ns: int) -> None:
         host, port = self._where
         connection = http.client.HTTPConnection(host, port, timeout=PAGE_TIMEOUT_S)
         try:
@@ -168,7 +171,7 @@ class PageFetch:
             answer = connection.getresponse()
             text = answer.read(MOST_PAGE_BYTES).decode("utf-8", errors="replace")
             if answer.status == http.client.OK:
-                self._page = parse(text)
+                self._page, self.verified_ns = parse(text), asked_ns
             else:
                 self._failed(f"HTTP {answer.status} {answer.reason}")
         except (OSError, http.client.HTTPException, DataError) as error:

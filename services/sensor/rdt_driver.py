@@ -7,7 +7,7 @@ from common.config.cell_sensor import SensorSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample, fault_sample
 from services.sensor.link import PageFetch, UdpLink
-from services.sensor.netft_page import disagreement, info_of, scale_of
+from services.sensor.netft_page import SettingsPage, disagreement, info_of, scale_of
 from services.sensor.rdt import (
     Quality,
     RdtRecord,
@@ -29,6 +29,7 @@ NOTHING_COMES = SensorFault(
     "nothing received: check address and power, and that no other client takes the stream",
 )
 NO_MORE = SensorFault("sensor_silent", "nothing received any more")
+UNVERIFIED_AFTER_S = 10.0  # several failed requests of the page
 BEING_READ = SensorFault("sensor_calibration", "the sensor's page is being read")
 
 
@@ -47,6 +48,7 @@ class RdtDriver:
         self._sensor, self._wire, self._page = sensor, wire, page
         self._scale = scale_of(sensor) if page is None else None
         self._page_fault = NO_FAULT
+        self._read: SettingsPage | None = None  # of this stream
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._stream = RdtStream()
         self._quality = Quality()
@@ -56,7 +58,14 @@ class RdtDriver:
         self._last_ns = 0
         self._ft_step = 1
         self._asked: tuple[int, int] | None = None  # time, and number of unanswered requests
-        names = ("malformed", "late", "monitor_conditions", "thefts", "sensor_restarts")
+        names = (
+            "malformed",
+            "late",
+            "monitor_conditions",
+            "thefts",
+            "sensor_restarts",
+            "page_changes",
+        )
         self._counts = dict.fromkeys(names, 0)
 
     @property
@@ -175,20 +184,36 @@ class RdtDriver:
         self._counts["thefts" if is_theft else "sensor_restarts"] += 1
         if self._page is not None and not is_theft:
             self._page.clear()
-            self._scale = None
+            self._scale = self._read = None
 
     # --- its page ---------------------------------------------------------------------------------
 
     def _calibrate(self, now_ns: int) -> None:
-        """Take the page's counts, or set the fault."""
-        if self._page is None or self._scale is not None:
+        """Take the page's counts, also changed ones, or set the fault."""
+        if self._page is None:
             return
         page = self._page.poll(now_ns)
         if page is None:
             self._page_fault = SensorFault("sensor_calibration", f"its page: {self._page.fault}")
             return
+        if page != self._read:
+            if self._read is not None:
+                text = (
+                    f"its page has changed while it streamed, to {page.counts_per_N:.6g} counts "
+                    f"per N (in {page.force_unit}) and {page.counts_per_Nm:.6g} per N m "
+                    f"(in {page.torque_unit})"
+                )
+                self._held_fault = SensorFault("sensor_calibration", text)
+                self._held_until_ns = now_ns + round(FAULT_HOLD_S * NS_PER_S)
+                self._counts["page_changes"] += 1
+            is_source = self._sensor.calibration == "page"
+            self._read, self._scale = page, scale_of(self._sensor, page if is_source else None)
         self._page_fault = disagreement(self._sensor, page)
-        self._scale = scale_of(self._sensor, page if self._sensor.calibration == "page" else None)
+        age_s = (now_ns - self._page.verified_ns) / NS_PER_S
+        if age_s > UNVERIFIED_AFTER_S and not self._page_fault.code:
+            text = f"its units were last verified {age_s:.0f} s ago, {UNVERIFIED_AFTER_S:g} s are"
+            text += f" allowed: its page: {self._page.fault}"
+            self._page_fault = SensorFault("sensor_calibration", text)
 
 
 def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:

@@ -75,10 +75,12 @@ class LoopPage(PageFetch):
     def __init__(self, about: About, fault: str = "") -> None:
         super().__init__("simulated", 80)
         self.fault, self.about, self.fetches = fault, about, 0
+        self.silent_ns = 0  # age of the newest page, while it is not read again
 
     def poll(self, now_ns: int) -> SettingsPage | None:
         """Return the page, unless it cannot be read."""
-        return None if self.fault else parse(page(self.about))
+        self.verified_ns = now_ns - self.silent_ns
+        return None if self.fault and not self.silent_ns else parse(page(self.about))
 
     def clear(self) -> None:
         """Count a new request of the page."""

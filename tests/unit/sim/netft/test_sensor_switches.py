@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcemesh.faults import FAULTS
-from services.sensor.rdt_driver import FAULT_HOLD_S
+from services.sensor.rdt_driver import FAULT_HOLD_S, UNVERIFIED_AFTER_S
 from sim.netft.protocol import About
 from sim.netft.sensor import EVENT, FaultSwitches
 from tests.fakes.cellmates import Cellmates
@@ -218,3 +218,28 @@ def test_a_restarted_sensor_is_asked_for_its_page_again() -> None:
     rig.run(0.5)
     assert rig.page is not None
     assert rig.page.fetches == 1
+
+
+@pytest.mark.parametrize("source", ["page", "both"])
+def test_units_that_change_while_it_streams_are_never_published_as_good(source: str) -> None:
+    """A fault is published first; then the new counts of the page, or the disagreement with it."""
+    rig = running(cell={"sensor.calibration": source})
+    assert rig.page is not None
+    rig.sensor.about = rig.page.about = rig.sensor.about._replace(force_unit="lbf")
+    first, *_, last = messages = rig.run(2.0 * FAULT_HOLD_S)
+    assert (first.valid, first.code) == (False, "sensor_calibration")
+    assert "lbf" in first.reason
+    good = [message for message in messages if message.valid]
+    assert all(message.force_N == pytest.approx(TRUTH[:3], abs=0.05) for message in good)
+    assert last.valid == (source == "page")
+
+
+def test_units_that_cannot_be_verified_any_more_are_a_fault() -> None:
+    """The page was read once; a server that no longer replies would hide a change of units."""
+    rig = running(cell={"sensor.calibration": "page"})
+    assert rig.page is not None
+    rig.page.silent_ns = round((UNVERIFIED_AFTER_S + 0.4) * 1e9)
+    rig.page.fault = "timed out"
+    message = rig.run(0.01)[-1]
+    assert (message.valid, message.code) == (False, "sensor_calibration")
+    assert "timed out" in message.reason

@@ -224,6 +224,8 @@ class Feedback(Record):
     setpoint_torque_Nm: Vec3 = ZERO3  # its torque about the TCP, base axes
     lever_m: Vec3 = ZERO3  # from the TCP to the tool's centre of rotation, flange axes
     gains: Gains
+    # Limit of command 5 to the speed of the tool; None: that of the robot alone.
+    speed_m_s: Annotated[float, Meta(gt=0.0, le=5.0)] | None = None
 
 
 class AxisState(Record):

@@ -215,8 +215,8 @@ class GatewaySection(Scales):
     max_unexecuted_setpoints: int = Field(1, ge=1, le=10)
     watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
-    # Command 4 also while the loop runs on the PC, rates.status_hz times a second: for a display
-    # or a log in the controller. No motion follows from it.
+    # Command 4 also without force feedback in the controller, rates.status_hz times a second: for a
+    # display or a log there. No motion follows from it; docs/controller.md has what it costs.
     send_wrench: bool = False
     dedicated_signals: Dedicated = ()  # used by the controller itself: its DEFSIG lists them
     # plain: the specification's packet, of controller/plain.as, which has no protection:

@@ -5,7 +5,8 @@ field of `Limits`, its check, and its place in `ArmBounds`, which both processes
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from math import degrees, hypot, isfinite, radians
 from typing import Literal, NamedTuple
 
@@ -21,6 +22,7 @@ from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
 MEASURED_SLACK_RAD = radians(0.5)  # of measured joints: rounding of reports, settling
 JOINT_WINDOW_NS = 100_000_000  # averaging window of joint speeds: samples repeat and have jitter
 NS_PER_S = 1_000_000_000
+LEVER_M = 0.1  # a turn is as fast as this lever's end: fm.lever of forcemesh.as
 
 
 class ApartTexts(NamedTuple):
@@ -284,3 +286,27 @@ def joint_goal(goal: Goal, joint_rad: Joints | Array) -> Array:
     """Return the joint angles at the end of a joint move. Shape (6,) [rad]."""
     turn_rad = np.array(goal.joint_rad)
     return turn_rad + np.array(joint_rad) if goal.kind == "by" else turn_rad
+
+
+def slowed(bounds: ArmBounds, speed_m_s: float | None) -> ArmBounds:
+    """Return bounds with a lower speed, whose turns are those of LEVER_M; None: unchanged."""
+    if speed_m_s is None:
+        return bounds
+    limits = replace(
+        bounds.limits,
+        speed_m_s=min(bounds.limits.speed_m_s, speed_m_s),
+        speed_rad_s=min(bounds.limits.speed_rad_s, speed_m_s / LEVER_M),
+    )
+    return replace(bounds, limits=limits)
+
+
+def share_at(fastest: float, error: Sequence[float], gain: Sequence[float]) -> float:
+    """Return the share of an error with which integral gains move no faster than `fastest`.
+
+    Args:
+        fastest: Highest speed, in the unit of gain times error.
+        error: Reading minus set point (3,).
+        gain: Integral gains of the three axes.
+    """
+    speed = hypot(*(g * e for g, e in zip(gain, error, strict=True)))
+    return min(1.0, fastest / speed) if speed > 0.0 else 1.0

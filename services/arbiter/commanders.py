@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 from common.motion.convert import pose_of, record_of
 from common.motion.joint_paths import move_obstacle
 from common.motion.joint_space import JointSpace, JointStream
-from common.motion.limits import ArmBounds, check_speed
+from common.motion.limits import ArmBounds, check_speed, slowed
 from common.motion.permission import outranks
 from common.motion.rate_limiter import CommandedMotion, at_rest, brake
 from forcemesh.clock import NS_PER_S
@@ -89,6 +89,7 @@ class Commanders:
         self._space = space
         self.ownership = Ownership()
         self.pending_move: PendingMove | None = None
+        self.speed_m_s: float | None = None  # limit of streams and force feedback by command 5
         self._rest_since_ns: int | None = None  # reported under the present ownership number
         self._rest_needed_s = rest_needed_s
         self._last_goal_id = 0
@@ -233,7 +234,10 @@ class Commanders:
         elif target is None or target.host != ownership.host:
             return self._end()
         elif motion is None and target.feedback is not None:
-            return CommandStep("feedback", feedback=target.feedback)
+            feedback = target.feedback
+            if self.speed_m_s is not None:
+                feedback = feedback.replaced(speed_m_s=self.speed_m_s)
+            return CommandStep("feedback", feedback=feedback)
         elif motion is None or target.pose is None:
             text = "the regulator's target contains no command"
             return CommandStep(stop=tripped("regulator", text))
@@ -244,7 +248,9 @@ class Commanders:
             elif stamp_ns is not None:
                 ownership.clock = SampleClock(stamp_ns, tick.now_ns)
             T_target = pose_of(target.pose)
-            followed = follow(motion, T_target, bounds, tick, dt_s=dt_s, joints=joints)
+            # The robot's own speed stays above it: a lower one would delay every set point.
+            slow = slowed(bounds, self.speed_m_s)
+            followed = follow(motion, T_target, slow, tick, dt_s=dt_s, joints=joints)
         if isinstance(followed, Trip):
             return CommandStep(stop=followed)
         ownership.motion = followed

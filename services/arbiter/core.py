@@ -367,13 +367,13 @@ class Arbiter:
         return Reply(accepted=True, text=f"cleared: the arbiter is {self.state}")
 
     def set_speed(self, speed: Speed) -> Reply:
-        """Set the speeds of later moves."""
+        """Set the speeds of later moves, and a limit to those of streams and force feedback."""
         if (trip := check_speed(self._cells.limits, speed)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
-        return Reply(
-            accepted=True, text=f"later moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s
-        )
+        self._commanders.speed_m_s = real_m_s
+        text = f"later moves run at {real_m_s * 1e3:.1f} mm/s, force control no faster"
+        return Reply(accepted=True, text=text, value=real_m_s)
 
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
         """Accept or refuse a move; it begins as soon as the arm is at rest."""

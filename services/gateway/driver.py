@@ -13,7 +13,9 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
+from common.motion.frames import plus
 from common.motion.last_check import LastCheck
+from common.motion.limits import LEVER_M, share_at
 from common.motion.tracking import TrackingMonitor
 from controller.packet_table import Com, Status
 from forcemesh.bus import Reading
@@ -46,6 +48,23 @@ class RunningFeedback:
     feedback: Feedback
     since_ns: int
     lever_m: Vec3  # sent to the controller last
+
+
+def slow_setpoint(feedback: Feedback, wrench: WrenchAtTcp) -> tuple[Vec3, Vec3]:
+    """Return the set point [N, N m], nearer to the reading where it would be too fast."""
+    gains, fastest = feedback.gains, feedback.speed_m_s
+    force, torque = feedback.setpoint_force_N, feedback.setpoint_torque_Nm
+    if fastest is None:
+        return force, torque
+    parts = (
+        (wrench.force_N, force, gains.force_i_m_per_Ns, fastest),
+        (wrench.torque_Nm, torque, gains.torque_i_rad_per_Nms, fastest / LEVER_M),
+    )
+    nearer = []
+    for reading, setpoint, gain, speed in parts:
+        share = share_at(speed, plus(reading, setpoint, -1.0), gain)
+        nearer.append(plus(reading, plus(setpoint, reading, -1.0), share))
+    return nearer[0], nearer[1]
 
 
 class Driver:
@@ -150,11 +169,9 @@ class Driver:
             return self._obey_feedback(command, wrench, now_ns)
         if self._running is not None:
             self._end_feedback(now_ns)
+        self._show(wrench.fresh, now_ns)
         if command.kind == "setpoint":
-            trip = self._stream(command, measured, now_ns) if is_new else None
-            if trip is None and self._shows_wrench:
-                self._show(wrench.fresh, now_ns)
-            return trip
+            return self._stream(command, measured, now_ns) if is_new else None
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed, measured, now_ns)
         else:
@@ -228,9 +245,9 @@ class Driver:
         return trip
 
     def _show(self, wrench: WrenchAtTcp | None, now_ns: int) -> None:
-        """Offer the wrench of a loop on the PC for a display, at the rate of a status."""
-        is_due = now_ns - self._shown_ns >= self._show_period_ns
-        if wrench is not None and is_due and not self._dialogue.feedback_active:
+        """Offer the wrench for a display in the controller, at the rate of a status."""
+        is_due = self._shows_wrench and now_ns - self._shown_ns >= self._show_period_ns
+        if is_due and wrench is not None and not self._dialogue.feedback_active:
             self._shown_ns = now_ns
             self._dialogue.show_wrench(wrench.force_N, wrench.torque_Nm)
 
@@ -319,6 +336,7 @@ class Driver:
                 return tripped("feedback", "the controller did not start force feedback")
         elif sample != self._last_wrench:
             self._last_wrench = sample
-            setpoint = feedback.setpoint_force_N, feedback.setpoint_torque_Nm
-            self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, *setpoint)
+            self._dialogue.offer_wrench(
+                wrench.force_N, wrench.torque_Nm, *slow_setpoint(feedback, wrench)
+            )
         return None

@@ -8,9 +8,10 @@ TCP, heartbeat and set point of force have none and become nothing.
   speed. Force feedback runs at that speed of command 5: plain.as has no limit of its own.
 """
 
-from math import degrees, hypot
+from math import degrees
 
 from common.config.cell import ForceSection
+from common.motion.limits import share_at
 from controller.packet import VALUE_MAX, VALUE_MIN, ZERO_VEC, Packet, VecInt
 from controller.packet_table import (
     FEEDBACK_BITS,
@@ -125,9 +126,7 @@ class PlainCommands:
             (3, scales.torque_per_Nm, settings.torque_per_Nm, self._fastest_deg_s),
         ):
             part = [error / own for error in errors[first : first + 3]]
-            gains = self._Ki[first : first + 3]
-            speed = hypot(*(gain * error for gain, error in zip(gains, part, strict=True)))
-            share = min(1.0, fastest / speed) if speed > 0.0 else 1.0
+            share = share_at(fastest, part, self._Ki[first : first + 3])
             shortened += [round(share * error * units) for error in part]
         a, b, c, d, e, f = shortened
         return (Command(Com.WRENCH, 0, (a, b, c, d, e, f)),)

@@ -27,7 +27,7 @@ def test_an_error_of_the_program_is_shown_with_its_text_and_remedy(code, text, r
 
     A code that is not in our table is reported as such, never with a text of ours.
     """
-    world = VirtualCell(load_cell(CELL, {"calibration": None}))
+    world = VirtualCell(load_cell(CELL, {"calibration": "none"}))
     status = world.client.reader(topics.ARBITER_STATUS)
     world.advance(3.0)
     assert world.client.ask(topics.TARE, Empty()).accepted

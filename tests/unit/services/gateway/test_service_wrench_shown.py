@@ -1,4 +1,4 @@
-"""Command 4 while the loop runs on the PC, for a display or a log in the controller."""
+"""Command 4 without force feedback in the controller, for a display or a log there."""
 
 from typing import Any
 
@@ -37,14 +37,15 @@ def test_the_reading_is_sent_at_the_rate_of_a_status_if_the_cell_asks_for_it() -
     assert cell.coms().count(Com.SET_POINT) == streaming().coms().count(Com.SET_POINT)
 
 
-def test_it_is_not_sent_by_default_nor_without_a_stream_nor_without_a_wrench() -> None:
-    """Only while a loop on the PC runs, and only what was measured."""
+def test_it_is_sent_while_idle_and_not_in_a_hold_nor_by_default_nor_without_a_wrench() -> None:
+    """While armed, whatever is commanded, and only what was measured."""
     assert streaming().controller.of(Com.WRENCH) == []
     cell = streaming(**SHOWN)
-    sent = len(cell.controller.of(Com.WRENCH))
-    cell.rig.send("idle")
-    cell.rig.advance(0.5)
-    assert len(cell.controller.of(Com.WRENCH)) <= sent + 1
+    for kind, more in (("idle", 10), ("hold", 0)):
+        sent = len(cell.controller.of(Com.WRENCH))
+        cell.rig.send_hold() if kind == "hold" else cell.rig.send(kind)
+        cell.rig.advance(0.5)
+        assert len(cell.controller.of(Com.WRENCH)) - sent == pytest.approx(more, abs=1)
     silent = a_cell(**SHOWN)
     silent.rig.connect()
     silent.rig.arm()

@@ -39,8 +39,6 @@ def read_yaml(path: Path, source: str) -> Any:
 
 def validated(model: type[Model], tree: object, source: str) -> Model:
     """Return the content of a file as a model. Raise ConfigError, which lists every mistake."""
-    if tree is None:
-        raise ConfigError(source, ["the file is empty"])
     if not isinstance(tree, dict):
         raise ConfigError(source, ["the file must hold a map of sections"])
     try:

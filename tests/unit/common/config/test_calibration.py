@@ -72,8 +72,8 @@ def test_a_cell_file_states_that_it_works_without_a_calibration_file(tmp_path: P
 @pytest.mark.parametrize(
     ("content", "mistake"),
     [
-        ("", "empty"),
-        ("# Written by forcemesh calibrate.\n", "empty"),
+        ("", "map of sections"),
+        ("# Written by forcemesh calibrate.\n", "map of sections"),
         ("mass_kg: 1.0\ncom_m: [0, 0, 0]\n", "mass_kg: unknown name"),
         ("payload: {mass: 1}", "payload.mass: unknown name; did you mean mass_kg"),
         ("just words\n", "map"),

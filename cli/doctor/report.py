@@ -130,7 +130,11 @@ def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell 
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view, robot = CellView(bus, cell), Feed(bus, topics.ROBOT_STATE, LostError)
             sensor = Feed(bus, topics.SENSOR_WRENCH, LostError)
-            feeds: list[Feed[Any]] = [robot, sensor, *(Feed(bus, row, LostError) for row in STREAMS)]
+            feeds: list[Feed[Any]] = [
+                robot,
+                sensor,
+                *(Feed(bus, row, LostError) for row in STREAMS),
+            ]
             end_s = time.monotonic() + max(watch_s, view.longest_wait_s)
             while time.monotonic() < end_s:
                 for feed in feeds:

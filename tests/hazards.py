@@ -30,7 +30,7 @@ NO_CHANGE = re.compile(r"no planted change: \S.*")
 PASSED, FAILED = 0, 1
 LONGEST_S = 900.0  # for the tests of a row; a change that lets them hang is found
 OPTIONS = (
-    *("-x", "-q", "--hypothesis-profile", "mutants", "-m", "not (realtime or processes)"),
+    *("-x", "-q", "--hypothesis-profile", "mutants", "-m", "not (realtime or processes or long)"),
     *("-p", "no:cacheprovider", "-p", "no:randomly", "-p", "no:xdist", "-o", "timeout=600"),
 )
 

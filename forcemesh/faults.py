@@ -88,6 +88,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(313, "link_slow",         "FAULT",   "packets take longer to reach the controller than its watchdog allows", "use a dedicated wired line to the controller"),
     FaultCode(314, "monitor_speed",     "HOLD",    "the controller's monitor speed changed while force feedback ran, or is too low for it", "set it on the pendant (SPEED 100), then arm"),
     FaultCode(315, "delay",             "HOLD",    "the controller executes set points later than the cell file states: the gains are too high for that delay", "find what slows down the controller or the line; or measure with `forcemesh tune` and write robot.delay_s"),
+    FaultCode(316, "unexplained_motion", "FAULT",  "the arm left the pose at which it rested while no goal, stream, force feedback or braking was in progress, with motor power on and teach lock off", "find what moves it: another program or device that commands the controller, a late packet, a person, a load; then clear and arm"),
     # --- 4xx: limits -------------------------------------------------------------------------------
     FaultCode(401, "workspace",         "HOLD",    "outside the workspace", "`forcemesh back-off` moves the arm back inside; stay within limits.workspace_min_m .. workspace_max_m, or change these limits"),
     FaultCode(402, "joint",             "HOLD",    "a joint would leave its range", "choose another pose"),

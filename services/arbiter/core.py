@@ -13,6 +13,7 @@ from common.motion.limits import (
     check_wrench,
     real_speed_m_s,
 )
+from common.motion.unexplained import UNEXPLAINED, UnexplainedMotion, is_guided
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, clipped, refusal, refused, tripped
 from forcemesh.messages import (
@@ -83,6 +84,8 @@ class Arbiter:
         self._stopping: Stopping | None = None
         self._speed = Speed()
         self._joints = JointTrack()
+        self._resting = UnexplainedMotion(cell)
+        self._robot_epoch: int | None = None  # of the robot process
         self._lease, self._commanders.ownership.number = numbers
         self._lease_since_ns = 0
         self._last_lease = NO_LEASE
@@ -106,6 +109,8 @@ class Arbiter:
             self.trips = () if self._lease else input_checks.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
         self._commanders.update(robot, now_ns)
+        if (trip := self._unexplained(inputs, robot)) is not None:
+            self.stop("fault", trip)
         command = None
         if self.state in MAY_MOVE:
             blind = self._freeing is not None and self._freeing.blind
@@ -156,6 +161,26 @@ class Arbiter:
             not_ready=lines([trip.text for trip in not_ready]),
             clears=what_next(self.state, not_ready, self._armed_for),
         )
+
+    def _unexplained(self, inputs: Inputs, robot: RobotState | None) -> Trip | None:
+        """Return the motion that no accepted command explains, found here or by the robot."""
+        header, epoch = inputs.robot.header, self._robot_epoch
+        self._robot_epoch = None if header is None else header.epoch
+        commanded = self._commanders.ownership.commander != "none" or self._stopping is not None
+        if (
+            robot is None
+            or header is None
+            or header.epoch != epoch
+            or commanded
+            or robot.status.feedback is not None
+            or self.state not in (*MAY_MOVE, "HOLDING")
+            or is_guided(robot.status.faults)
+        ):
+            self._resting.explain()
+            return None
+        if self.state == "HOLDING" and robot.hold is not None and robot.hold.code == UNEXPLAINED:
+            return robot.hold
+        return self._resting.judge(pose_of(robot), header.stamp_ns)
 
     def _trip(self, robot: RobotState, inputs: Inputs, tick: Tick) -> Trip | None:
         """Check the measured arm, its load, and what robot and regulator report."""
@@ -313,6 +338,7 @@ class Arbiter:
         self, purpose: Purpose, robot: RobotState, bounds: ArmBounds, inputs: Inputs
     ) -> None:
         self._armed_for, self._joints = purpose, JointTrack()
+        self._resting.explain()
         self._commanders.drop()
         event = "back_off" if purpose == "back_off" else "arm"
         self.state, self.trips = after(self.state, event), ()

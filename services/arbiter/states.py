@@ -20,7 +20,7 @@ TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
     "ACTIVE":   {"end": "ARMED",     "take": "SETTLING",  "soften": "STOPPING",
                  "hold": "HOLDING",  "fault": "FAULT"},
     "STOPPING": {"hold": "HOLDING",  "fault": "FAULT"},
-    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED",      "back_off": "ARMED"},
+    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED",      "back_off": "ARMED", "fault": "FAULT"},
     "FAULT":    {"clear": "IDLE",    "back_off": "ARMED"},
 }
 MEANS: dict[ArbiterState, str] = {

@@ -6,6 +6,7 @@ Pure. Each monitor receives every snapshot once, in order, with bounded memory.
 from math import dist, hypot, sin
 
 from common.config.cell import CellConfig
+from common.motion.unexplained import REST_POSITION_M, REST_TURN_RAD
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
@@ -13,8 +14,7 @@ from forcemesh.faults import tripped
 from forcemesh.messages import RobotState, Trip
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
-REST_POSITION_M = 2e-4
-REST_CHORD = 2.0 * sin(2e-3 / 4.0)  # between unit quaternions, for a rotation of 2 mrad
+REST_CHORD = 2.0 * sin(REST_TURN_RAD / 4.0)  # between unit quaternions
 RESIDUAL_S = 0.5
 STALL_S = 1.0  # stall of the arbiter after which all inputs look stale
 MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit

@@ -17,6 +17,7 @@ from common.motion.frames import plus
 from common.motion.last_check import LastCheck
 from common.motion.limits import LEVER_M, share_at
 from common.motion.tracking import TrackingMonitor
+from common.motion.unexplained import REACH, Reach, UnexplainedMotion
 from controller.packet_table import Com, Status
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
@@ -34,7 +35,7 @@ from forcemesh.messages import (
 )
 from services.gateway import goals
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import REACH, ControllerReport, Reach, Track
+from services.gateway.goals import ControllerReport, Track
 from services.gateway.setpoint_shaper import SetpointShaper
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
@@ -87,6 +88,7 @@ class Driver:
         self._guard = guard
         self._shaper = shaper
         self._tracking = TrackingMonitor(cell)
+        self._resting = UnexplainedMotion(cell)
         self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
         # The largest speed at which the controller follows set points.
         self._stream_speed = Speed(mechanical_m_s=cell.limits.speed_m_s)
@@ -95,6 +97,7 @@ class Driver:
         self._streaming = False  # a stream is active; its first set point was the measured pose
         self._stream_from = 0  # packet number of that set point
         self._holding = True  # every connection begins with hello and hold
+        self._has_braked = False  # an unexplained motion under this lease
         self._lease: tuple[int, int] | None = None
         self._last_wrench: tuple[int, int] | None = None
         self._shows_wrench = cell.gateway is not None and cell.gateway.send_wrench
@@ -130,6 +133,24 @@ class Driver:
             trip = tripped("robot_refuses", "the controller refused a set point")
         return trip or self._tracking.judge(T, joint_rad, now_ns)
 
+    def watch_rest(
+        self, measured: ControllerReport | None, *, guided: bool, now_ns: int
+    ) -> Trip | None:
+        """Check that an arm that nothing moves stays where it is, until the next lease.
+
+        Braking is a run-out; a packet of a motion that has not been taken is none of it.
+        """
+        commanded = self.track.report.state == "running" or self._streaming or self._running
+        is_fed_back = self._dialogue.feedback_active
+        if measured is None or guided or commanded or is_fed_back or self._lease is None:
+            self._resting.explain()
+            return None
+        trip = self._resting.judge(measured.T_base_flange, measured.at_ns)
+        if trip is not None and not self._has_braked:
+            self._has_braked, self._holding = True, False
+            self.hold(trip.text, now_ns)
+        return trip
+
     def follow_goal(self, measured: ControllerReport, now_ns: int) -> None:
         """Update the state of the goal from a report."""
         if self.track.report.state == "running":
@@ -155,7 +176,8 @@ class Driver:
         if lease != self._lease:
             if not self._holding:  # the controller measures rotation from a hold, the guard here
                 self.hold("armed again", now_ns)
-            self._lease, self.track = lease, Track()
+            self._lease, self.track, self._has_braked = lease, Track(), False
+            self._resting.explain()
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(measured.T_base_flange, now_ns, purpose)
         self._holding = False

@@ -1,7 +1,6 @@
 """Goal tracking: state of a goal from the IDs and status bits of the controller's reports. Pure."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -9,6 +8,7 @@ import pinocchio as pin
 from common.motion.convert import pose_of
 from common.motion.frames import apart
 from common.motion.limits import joint_goal
+from common.motion.unexplained import REACH, Reach
 from controller.packet_table import Status
 from forcemesh.messages import Goal, GoalReport, GoalState, Joints
 from services.gateway.packet_window import NONE_YET
@@ -18,16 +18,6 @@ EXECUTION_WITHIN_NS = 2_000_000_000
 # Debounce: the controller does not read ID and status of a report at one instant.
 REPORTS_TO_CONFIRM = 2
 STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
-
-
-class Reach(NamedTuple):
-    """Largest distance from the target at which a goal is done."""
-
-    position_m: float = 5e-4
-    rotation_rad: float = 3e-3
-
-
-REACH = Reach()
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +45,7 @@ class Track:
     candidate: GoalState = "running"  # state by the last report
     counter: int = -1  # of the last report evaluated
     agreeing: int = 0  # consecutive reports with the same state
-    reach: Reach = REACH
+    reach: Reach = REACH  # within which it is done
 
     @property
     def in_progress(self) -> bool:

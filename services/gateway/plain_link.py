@@ -11,36 +11,24 @@ brakes, and accepts the next connection when it has braked.
 """
 
 from collections import deque
-from math import radians
 from typing import NamedTuple
 
 from common.config.cell import CellConfig, GatewaySection
 from controller import plain
 from controller.packet import Packet, PacketReader, VecInt, encode
 from controller.packet_table import NO_ID, TABLE, Com, Status, greeting, pack_status
-from controller.plain import ID_LAST, PlainReader, PlainSection
+from controller.plain import ID_LAST, PlainReader
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from services.gateway.connection import ByteLink
-from services.gateway.goals import REACH, Reach
 from services.gateway.link import LinkEvents
 from services.gateway.plain_commands import MOTIONS, PlainCommands, own_vector
 
 HOLD_TAKEN_WITHIN_S = 0.5
 MOVING_WINDOW_NS = 100_000_000
 STILL_UNITS = 1  # of all joints together in the window: rounding at rest
-ROUNDINGS = 1.75  # packet units: half of one at either end, on three axes
 # An arm that does not move, for whatever cause, is noticed by its goal.
 ASSUMED = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
-
-
-def reach_of(settings: PlainSection) -> Reach:
-    """Return how near a goal must come: the rounding of coarse scales is no distance."""
-    least_per_deg = min(settings.oat_per_deg, settings.joint_per_deg)
-    return Reach(
-        max(REACH.position_m, ROUNDINGS / settings.position_per_mm * 1e-3),
-        max(REACH.rotation_rad, radians(ROUNDINGS / least_per_deg)),
-    )
 
 
 class Pending(NamedTuple):

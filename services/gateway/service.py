@@ -8,6 +8,7 @@ from common.config.cell import CellConfig, GatewaySection
 from common.motion.convert import record_of, vec3
 from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
+from common.motion.unexplained import REACH, is_guided, reach_of
 from common.runtime.signal_service import SignalService
 from controller.packet_table import ID_COUNT, ID_FIRST
 from forcemesh import topics
@@ -19,10 +20,10 @@ from forcemesh.messages import RobotState
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
-from services.gateway.goals import REACH, ControllerReport
+from services.gateway.goals import ControllerReport
 from services.gateway.link import Link, LinkSettings
 from services.gateway.packets import ControllerLimits, Pacing
-from services.gateway.plain_link import PlainLink, reach_of
+from services.gateway.plain_link import PlainLink
 from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 from services.gateway.signals import ControllerSignals
 
@@ -120,6 +121,10 @@ class Gateway:
         measured = self._connection.measured
         if measured is not None:
             self._driver.follow_goal(measured, now_ns)
+        guided = is_guided(self._connection.status.faults)
+        trip = self._driver.watch_rest(measured, guided=guided, now_ns=now_ns)
+        if trip is not None:
+            self.verdict = self._gate.revoke(trip)
         since_ns = now_ns - self._reported_ns
         if self.fault:
             is_due = since_ns >= self._state_period_ns

@@ -10,6 +10,7 @@ from common.motion.convert import pose_of
 from common.motion.last_check import LastCheck
 from common.motion.limits import joint_goal
 from common.motion.tracking import TrackingMonitor
+from common.motion.unexplained import UnexplainedMotion
 from forcemesh.faults import tripped
 from forcemesh.messages import (
     Goal,
@@ -36,6 +37,7 @@ class SimDriver:
         self._arm, self._motion = arm, motion
         self._guard = LastCheck(cell, arm.kinematics.flange_pose)
         self._tracking = TrackingMonitor(cell)
+        self._resting = UnexplainedMotion(cell)
         self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
         self._seeded = True
 
@@ -65,6 +67,7 @@ class SimDriver:
                 self.goal = GoalReport()
             self._void("armed again")
             self._lease = lease
+            self._resting.explain()
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(self._arm.T_base_flange, now_ns, purpose)
         if (trip := self._guard.wrench(wrench, in_move=command.kind == "goal")) is not None:
@@ -89,6 +92,14 @@ class SimDriver:
         return self._guard.arm(T_base_flange, joint_rad, now_ns) or self._tracking.judge(
             T_base_flange, joint_rad, now_ns
         )
+
+    def watch_rest(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
+        """Check that an arm that nothing moves stays where it is, until the next lease."""
+        commanded = self._motion.state in BUSY or self.sent is not None
+        if commanded or self.goal.state == "running" or self._lease is None:
+            self._resting.explain()
+            return None
+        return self._resting.judge(T_base_flange, now_ns)
 
     def _void(self, reason: str) -> None:
         """Brake a goal that ends other than done; the next one is refused until it is at rest."""

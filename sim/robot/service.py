@@ -121,10 +121,12 @@ class SimRobot:
         if self.arm.ticks % self._state_ticks:
             return
         T_base_flange, joint_rad = self.arm.T_base_flange, tuple(self.arm.q.tolist())
-        if self.verdict.command is not None:
-            at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
-            if (trip := self._driver.watch(T_base_flange, joint_rad, at_ns)) is not None:
-                self._refuse(trip)
+        at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
+        trip = self._driver.watch_rest(T_base_flange, at_ns)
+        if trip is None and self.verdict.command is not None:
+            trip = self._driver.watch(T_base_flange, joint_rad, at_ns)
+        if trip is not None:
+            self._refuse(trip)
         flange, hold = record_of(T_base_flange), self.verdict.hold
         self._state.put(
             RobotState(

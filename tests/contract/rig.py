@@ -89,6 +89,8 @@ class Rig:
         self._on_pc: PcFeedback | None = None
         # Stops and resumes the robot program; a robot without one takes each command at once.
         self.stall: Callable[[bool], object] = lambda _on: None
+        # Moves the arm by several millimetres, without a command.
+        self.shove: Callable[[], object] = lambda: None
         self._robot = self._bus("robot")
         self.service = make(self._robot, cell)
         self._runner = Runner(self.service, [], clock)

@@ -23,6 +23,7 @@ from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
+from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
 from tests.fakes.controller import PORT, FakeController
@@ -50,6 +51,7 @@ class Emulated:
         cell = cell or gateway_cell(PORT, **changes)
         self.rig = Rig(cell, ManualClock(), self._make, feedback_host=host)
         self.rig.stall = self._stall
+        self.rig.shove = lambda: load(self.machine.robot.arm)
         self._stalled = (False, False)
 
     def _stall(self, on: bool) -> None:
@@ -123,7 +125,16 @@ def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, 
 def sim_rig() -> Rig:
     """The simulated robot on a virtual clock."""
     cell = load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S, "sim.gap_m": 0.1})
-    return Rig(cell, ManualClock(), SimRobot, feedback_host="pc")
+    rig = Rig(cell, ManualClock(), SimRobot, feedback_host="pc")
+    assert isinstance(rig.service, SimRobot)
+    arm = rig.service.arm
+    rig.shove = lambda: load(arm)
+    return rig
+
+
+def load(arm: SimArm) -> None:
+    """Put half a tonne on the tool."""
+    arm.data.xfrc_applied[arm.model.body("tool").id][:3] = (0.0, 0.0, -5000.0)
 
 
 def gateway_rig() -> Rig:
@@ -132,6 +143,7 @@ def gateway_rig() -> Rig:
     controller = FakeController(network, rate_hz=100.0)
     rig = Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
     rig.stall = lambda on: setattr(controller.tantrums, "stalled", on)
+    rig.shove = lambda: setattr(controller.robot, "target_rad", controller.robot.target_rad + 0.01)
     return rig
 
 

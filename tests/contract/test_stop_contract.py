@@ -167,6 +167,27 @@ def test_no_motion_begins_before_the_arm_has_come_to_rest(rig: Rig, after_idle_s
     assert rig.state.goal.reason or has_rested
 
 
+@pytest.mark.parametrize("is_held", [False, True])
+def test_an_arm_that_moves_without_a_command_is_a_fault(rig: Rig, is_held: bool) -> None:
+    """Armed, and held: reported under its own code until the next lease, in which it is at rest."""
+    rig.arm()
+    rig.send("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.01)))
+    rig.until(lambda: rig.state.goal.state == "done")
+    rig.send("idle")
+    if is_held:
+        rig.send_hold()
+    rig.advance(1.5)
+    assert rig.state.hold_code == ("hold" if is_held else "")
+    rig.shove()
+    rig.until(lambda: rig.state.hold_code == "unexplained_motion", within_s=0.5)
+    rig.advance(0.2)
+    assert rig.state.hold_code == "unexplained_motion"
+    assert rig.is_at_rest()
+    rig.arm()
+    rig.advance(1.5)
+    assert rig.state.hold_code == ""
+
+
 # --- the wrench, where the robot reads it ---------------------------------------------------------
 
 

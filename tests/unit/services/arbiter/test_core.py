@@ -348,3 +348,68 @@ def test_a_failed_regulator_holds() -> None:
     command = world.tick()
     assert (command.kind, world.core.state) == ("idle", "ARMED")
     assert command.permission is not None
+
+
+# --- motion that no command explains --------------------------------------------------------------
+
+
+def goes_on(world: World) -> None:
+    """Leave everything as it is."""
+
+
+def holds(world: World) -> None:
+    """Request a hold."""
+    world.core.hold("enough")
+
+
+def clears(world: World) -> None:
+    """Hold, then return to IDLE."""
+    world.core.hold("enough")
+    world.core.clear(world.inputs())
+
+
+def regulates(world: World) -> None:
+    """Let the regulator command the arm."""
+    world.activate("regulator")
+
+
+def locks(world: World) -> None:
+    """Hold, and switch TEACH LOCK on: a person may guide the arm."""
+    world.core.hold("enough")
+    world.change("robot", status=with_fault("robot_lock"))
+
+
+def restarts(world: World) -> None:
+    """Hold, and restart the robot's process when the arm is about to move."""
+    world.core.hold("enough")
+    world.pass_s(1.0)
+    world.epochs["robot"] = 2
+
+
+@pytest.mark.parametrize(
+    ("prepare", "is_found"),
+    [(goes_on, True), (holds, True), (clears, False), (regulates, False), (locks, False),
+     (restarts, False)],
+)  # fmt: skip
+def test_an_arm_that_moves_though_nothing_moves_it_is_a_fault(prepare, is_found: bool) -> None:
+    """In ARMED and HOLDING, by the reports alone: the robot's process does not notice."""
+    world = World().make_armed()
+    prepare(world)
+    if prepare is not restarts:
+        world.pass_s(1.0)
+    world.place(pose_of(shifted(x_m=0.004)))
+    world.tick(4)
+    assert ("unexplained_motion" in [trip.code for trip in world.core.trips]) == is_found
+    assert (world.core.state == "FAULT") == is_found
+
+
+def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
+    """Its own monitor may see what no report shows."""
+    world = World().make_armed()
+    holds(world)
+    world.tick()
+    world.change("robot", hold=tripped("unexplained_motion", "3 mm"))
+    world.tick()
+    assert world.core.state == "FAULT"
+    world.change("robot", hold=None)
+    assert world.core.clear(world.inputs()).accepted

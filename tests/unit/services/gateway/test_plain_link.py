@@ -2,15 +2,15 @@
 
 import pytest
 
+from common.motion.unexplained import REACH, reach_of
 from controller import plain
 from controller.packet import Packet, PacketReader, encode
 from controller.packet_table import ID_FIRST, Com, Status, greeting, unpack_status
 from controller.plain import ID_LAST, PlainReader
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
-from services.gateway.goals import REACH
 from services.gateway.link import LinkEvents
-from services.gateway.plain_link import ASSUMED, HOLD_TAKEN_WITHIN_S, PlainLink, reach_of
+from services.gateway.plain_link import ASSUMED, HOLD_TAKEN_WITHIN_S, PlainLink
 from tests.fakes.plain_rig import plain_cell
 
 STILL = (0, 0, -22_500, 0, -22_500, 0)

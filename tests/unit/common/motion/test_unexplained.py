@@ -1,0 +1,128 @@
+"""Unexplained motion: quiet at rest, in noise and after a run-out; finds every creep."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config.cell import CellConfig
+from common.config.load import load_cell
+from common.motion.frames import rotation_from_vector
+from common.motion.unexplained import (
+    ARM_STIFFNESS_N_m,
+    REPORTS,
+    REST_POSITION_M,
+    RUN_OUT_S,
+    UnexplainedMotion,
+    rest_bounds,
+)
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Trip
+from tests.fakes.bench import CELL, DEMO
+from tests.fakes.plain_rig import SPECIFICATION, plain_cell
+
+REPORT_S = 1.0 / CELL.rates.robot_hz
+X_M, Y_RAD = rest_bounds(CELL)
+RESTED_S = 0.5  # longer than it takes to have rested
+Unit = st.floats(-1.0, 1.0)
+
+
+def pose(x_m: float = 0.0, turn_rad: float = 0.0, axis: int = 0) -> pin.SE3:
+    """Return a pose that far away, and turned by that much, along and about one axis."""
+    direction = np.eye(3)[axis]
+    return pin.SE3(rotation_from_vector(turn_rad * direction), x_m * direction)
+
+
+class Reported:
+    """A monitor and the time of its reports."""
+
+    def __init__(self, cell: CellConfig = CELL) -> None:
+        self.monitor, self.at_ns = UnexplainedMotion(cell), 0
+
+    def report(self, T: pin.SE3, times: int = 1) -> Trip | None:
+        """Report a pose; return the last verdict."""
+        trip = None
+        for _ in range(times):
+            self.at_ns += round(REPORT_S * NS_PER_S)
+            trip = self.monitor.judge(T, self.at_ns)
+        return trip
+
+    def rest(self, T: pin.SE3) -> "Reported":
+        """Report one pose until it is the rest pose."""
+        assert self.report(T, round(RESTED_S / REPORT_S)) is None
+        return self
+
+
+@given(st.lists(st.tuples(Unit, Unit, st.integers(0, 2)), min_size=1, max_size=60))
+def test_whatever_stays_within_the_bounds_is_quiet(shares: list[tuple[float, float, int]]) -> None:
+    """Noise, drift and springing in contact, in any order and in every axis."""
+    reported = Reported().rest(pose())
+    for x, turn, axis in shares:
+        assert reported.report(pose(0.999 * x * X_M, 0.999 * turn * Y_RAD, axis)) is None
+
+
+@given(
+    speed_m_s=st.floats(1e-4, 0.25), at_once=st.booleans(), turns=st.booleans(),
+    axis=st.integers(0, 2), noise=st.integers(0, 2**32 - 1),
+)  # fmt: skip
+def test_every_creep_is_found(
+    speed_m_s: float, at_once: bool, turns: bool, axis: int, noise: int  # noqa: FBT001
+) -> None:
+    """From rest, or at once after the last command: at the latest X beyond the longest run-out."""
+    reported, random = Reported(), np.random.default_rng(noise)
+    if not at_once:
+        reported.rest(pose())
+    bound_m = X_M + 2.0 * REST_POSITION_M + speed_m_s * (RUN_OUT_S * at_once + 5 * REPORT_S)
+    for gone_m in np.arange(0.0, bound_m + X_M / 4, max(speed_m_s * REPORT_S, X_M / 2000)):
+        wrong_m = gone_m + random.uniform(-0.5, 0.5) * REST_POSITION_M
+        place = pose(0.0, wrong_m * Y_RAD / X_M, axis) if turns else pose(wrong_m, 0.0, axis)
+        step = max(1, round(X_M / 2000 / (speed_m_s * REPORT_S)))
+        if (trip := reported.report(place, step)) is not None:
+            assert gone_m > 0.9 * X_M
+            assert trip.code == "unexplained_motion"
+            assert trip.unit == ("rad" if turns else "m")
+            return
+    pytest.fail(f"{bound_m * 1e3:.2f} mm of motion were not found")
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+@pytest.mark.parametrize(("share", "is_found"), [(0.99, False), (1.01, True), (np.nan, True)])
+def test_the_bounds(kind: int, share: float, is_found: bool) -> None:
+    """Either alone; a pose that is no number is not near."""
+    there = pose(share * X_M * (1 - kind), share * Y_RAD * kind)
+    assert (Reported().rest(pose()).report(there, 10) is not None) == is_found
+
+
+def test_as_many_reports_in_a_row_decide_and_a_repeated_one_is_one() -> None:
+    """One outlier is none; a motion that was found stays until something explains it."""
+    far = pose(2.0 * X_M)
+    reported = Reported().rest(pose())
+    for _ in range(3):
+        assert reported.report(far, REPORTS - 1) is None
+        assert reported.monitor.judge(far, reported.at_ns) is None
+        assert reported.report(pose()) is None
+    assert reported.report(far, REPORTS) is not None
+    assert reported.report(pose(), 10) is not None
+    reported.monitor.explain()
+    assert reported.rest(far).report(far, 10) is None
+
+
+@pytest.mark.parametrize("decay_s", [0.05, 0.3])
+def test_a_run_out_is_no_unexplained_motion(decay_s: float) -> None:
+    """50 mm of braking, and of a slow end, after the last command."""
+    reported = Reported()
+    for number in range(round(4.0 / REPORT_S)):
+        assert reported.report(pose(0.05 * np.exp(-number * REPORT_S / decay_s))) is None
+
+
+def test_the_bounds_follow_from_the_cell() -> None:
+    """Force ceiling and scales; whole millimetres are coarser than the reach of a goal."""
+    force_N = 58.0
+    other = load_cell(DEMO, {"limits.force_N": force_N})
+    saved_m = X_M - rest_bounds(other).position_m
+    assert saved_m == pytest.approx(2.0 * (CELL.limits.force_N - force_N) / ARM_STIFFNESS_N_m)
+    fine = plain_cell()
+    whole = plain_cell(**{f"gateway.plain.{name}": 1 for name in SPECIFICATION})
+    assert rest_bounds(fine).position_m < X_M < rest_bounds(whole).position_m < 6e-3
+    assert rest_bounds(fine).rotation_rad < Y_RAD < rest_bounds(whole).rotation_rad < 0.1

@@ -54,6 +54,10 @@ JUDGES = {
         "unit/common/motion/test_tracking",
         "unit/forcemesh/test_faults_reached",
     ),
+    "common.motion.unexplained": (
+        "unit/common/motion/test_unexplained",
+        "unit/forcemesh/test_faults_reached",
+    ),
     "controller.packet": (
         "unit/controller/test_packet",
         "unit/tests/fuzz/test_codec",

@@ -26,7 +26,7 @@ ROUNDINGS = 1.75  # packet units: half of one at either end, on three axes
 # Of an arm that keeps its pose, at its flange: the lower end of industrial arms of this size.
 ARM_STIFFNESS_N_m, ARM_STIFFNESS_Nm_rad = 1e5, 1e4
 MARGIN = 2.0
-REST_S = 0.3  # at one pose, besides twice the delay and three reports
+AT_POSE_S = 0.3  # at one pose, besides twice the delay and three reports
 RUN_OUT_S = 3.0  # from the end of a motion to rest at the latest, as of a hand-over
 REPORTS = 3  # in a row beyond the bounds
 GUIDED = ("robot_motors", "robot_lock")  # codes under which a person may move the arm
@@ -89,7 +89,7 @@ class UnexplainedMotion:
         """Begin without a rest pose."""
         self._bounds = rest_bounds(cell)
         delay_s = DELAY_MARGIN * (cell.robot.delay_s + cell.robot.lag_s)
-        self._rest_ns = round((REST_S + delay_s + REPORTS / cell.rates.robot_hz) * NS_PER_S)
+        self._rest_ns = round((AT_POSE_S + delay_s + REPORTS / cell.rates.robot_hz) * NS_PER_S)
         self.explain()
 
     def explain(self) -> None:

@@ -136,9 +136,9 @@ class Driver:
     def watch_rest(
         self, measured: ControllerReport | None, *, guided: bool, now_ns: int
     ) -> Trip | None:
-        """Check that an arm that nothing moves stays where it is, until the next lease.
+        """Check that an arm that nothing moves stays where it is; a finding holds until a lease.
 
-        Braking is a run-out; a packet of a motion that has not been taken is none of it.
+        `guided`: a person may move the arm. Braking is part of the run-out.
         """
         commanded = self.track.report.state == "running" or self._streaming or self._running
         is_fed_back = self._dialogue.feedback_active

@@ -17,6 +17,7 @@ from common.config.load import cell_from_tree, cell_hash
 from common.motion.convert import record_of
 from common.motion.joint_space import JointSpace
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
+from common.motion.unexplained import UnexplainedMotion
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
@@ -83,7 +84,7 @@ CHANGED_MESSAGES: dict[str, tuple[str, dict[str, Any]]] = {
     "motors off": ("robot", {"status": with_fault("robot_motors")}),
     "error": ("robot", {"status": with_fault("robot_error")}),
     "robot holds": ("robot", {"hold": tripped("tracking", "HOLD on the pendant")}),
-    "robot fails": ("robot", {"hold": tripped("link_slow", "the link is slow")}),
+    "robot fails": ("robot", {"hold": tripped("unexplained_motion", "3 mm")}),
     "arm outside": ("robot", OUTSIDE.as_dict()),
     "pushed": ("wrench", {"force_N": (0.0, 0.0, 0.9 * FORCE_N)}),
     "crushed": ("wrench", {"force_N": (0.0, 0.0, 1.1 * FORCE_N)}),
@@ -123,7 +124,7 @@ def never_changes(kind: type) -> bool:
     if is_dataclass(kind) and kind is not Inputs:
         return bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
     values = (str, int, float, tuple, frozenset, type(None), np.ndarray, pin.SE3, Record, Inputs)
-    return issubclass(kind, (*values, JointSpace))
+    return issubclass(kind, (*values, JointSpace, NoMonitor))
 
 
 def fork(original: Any) -> Any:
@@ -147,9 +148,21 @@ def header_at(now_ns: int, epoch: int) -> Header:
     return Header(seq=1, epoch=epoch, boot="walk", stamp_ns=now_ns)
 
 
+class NoMonitor(UnexplainedMotion):
+    """Finds nothing: the product's arm jumps. The robot reports what it would find."""
+
+    def judge(self, T_base_flange: pin.SE3, at_ns: int) -> None:
+        """Find nothing."""
+
+
+NO_MONITOR = NoMonitor(WALKED)
+
+
 def new_arbiter() -> TracedArbiter:
     """Return an arbiter that has just been started."""
-    return TracedArbiter(WALKED, command_deadline_s=DEADLINE_S)
+    arbiter = TracedArbiter(WALKED, command_deadline_s=DEADLINE_S)
+    arbiter._resting = NO_MONITOR
+    return arbiter
 
 
 @dataclass

@@ -127,6 +127,7 @@ AT_REST_TROUBLES = (
     "robot silent",
     "wrench invalid",
     "motors off",
+    "robot fails",
     "crushed",
     "other cell file",
     "payload",

@@ -9,6 +9,7 @@ from common.config.load import load_cell
 from common.motion.limits import Limits
 from common.motion.setpoint_monitor import SetpointMonitor
 from common.motion.tracking import TrackingMonitor
+from common.motion.unexplained import UnexplainedMotion
 from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.messages import (
@@ -166,6 +167,13 @@ def an_arm_that_stays_behind(rule: TrackingMonitor) -> Trip | None:
     for now_ns in range(0, 1_000_000_000, 4_000_000):
         rule.stream(HERE, now_ns)
         trips.append(rule.judge(BEYOND, (0.0,) * 6, now_ns))
+    return trips[-1]
+
+
+def an_arm_that_leaves_its_rest(monitor: UnexplainedMotion) -> Trip | None:
+    """Report one pose for a second, then another one, without a command."""
+    trips = [monitor.judge(HERE, now_ns) for now_ns in range(0, 1_000_000_000, 4_000_000)]
+    trips += [monitor.judge(BEYOND, 2_000_000_000 + now_ns) for now_ns in range(3)]
     return trips[-1]
 
 

@@ -25,6 +25,7 @@ from common.motion.limits import (
 )
 from common.motion.setpoint_monitor import SetpointMonitor
 from common.motion.tracking import TrackingMonitor
+from common.motion.unexplained import UnexplainedMotion
 from forcemesh import topics
 from forcemesh.faults import FAULTS
 from forcemesh.messages import (
@@ -42,6 +43,7 @@ from tests.fakes.provoked_elsewhere import (
     BEYOND,
     HERE,
     LIMITS,
+    an_arm_that_leaves_its_rest,
     an_arm_that_stays_behind,
     flood_commands,
     from_a_bare_arm,
@@ -284,6 +286,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "no_stream":        lambda: ruled(SetpointMonitor(Limits.of(CELL)).check(HERE, 1)),
     "no_lease":         lambda: ruled(LastCheck(CELL).setpoint(HERE, HERE, 1)),
     "tracking":         lambda: ruled(an_arm_that_stays_behind(TrackingMonitor(CELL))),
+    "unexplained_motion": lambda: ruled(an_arm_that_leaves_its_rest(UnexplainedMotion(CELL))),
     "joint_speed":      lambda: ruled(BOUNDS.measured(INSIDE, np.zeros(6), RACING)),
     "not_armed":        lambda: Cellmates().ask(topics.MOVE, MOVE_DOWN).code,
     "already":          lambda: ask_armed((topics.ARM, ArmRequest())),

@@ -10,10 +10,10 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import rotation_from_vector
 from common.motion.unexplained import (
-    ARM_STIFFNESS_N_m,
     REPORTS,
     REST_POSITION_M,
     RUN_OUT_S,
+    ARM_STIFFNESS_N_m,
     UnexplainedMotion,
     rest_bounds,
 )
@@ -67,7 +67,11 @@ def test_whatever_stays_within_the_bounds_is_quiet(shares: list[tuple[float, flo
     axis=st.integers(0, 2), noise=st.integers(0, 2**32 - 1),
 )  # fmt: skip
 def test_every_creep_is_found(
-    speed_m_s: float, at_once: bool, turns: bool, axis: int, noise: int  # noqa: FBT001
+    speed_m_s: float,
+    at_once: bool,
+    turns: bool,
+    axis: int,
+    noise: int,
 ) -> None:
     """From rest, or at once after the last command: at the latest X beyond the longest run-out."""
     reported, random = Reported(), np.random.default_rng(noise)

@@ -101,7 +101,9 @@ def test_an_arm_above_its_ceiling_is_freed(stiffness_N_m: float) -> None:
 
 def test_a_tool_outside_the_workspace_is_moved_back() -> None:
     """The motion is straight and no longer than needed."""
-    world = World().make_armed()
+    world = World().make_ready()
+    assert world.core.arm(world.inputs()).accepted
+    world.tick()
     outside = pin.SE3(T_START.rotation, T_START.translation + np.array([0.412, 0.0, 0.0]))
     world.place(outside)
     world.tick()

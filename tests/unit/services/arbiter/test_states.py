@@ -40,6 +40,7 @@ EXPECTED = {
     ("STOPPING", "fault"): "FAULT",
     ("HOLDING", "clear"): "IDLE",
     ("HOLDING", "arm"): "ARMED",
+    ("HOLDING", "fault"): "FAULT",
     ("FAULT", "clear"): "IDLE",
 }
 

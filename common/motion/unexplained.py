@@ -15,7 +15,6 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.frames import apart
 from common.motion.tracking import DELAY_MARGIN
-from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
@@ -28,6 +27,7 @@ ARM_STIFFNESS_N_m, ARM_STIFFNESS_Nm_rad = 1e5, 1e4
 MARGIN = 2.0
 AT_POSE_S = 0.3  # at one pose, besides twice the delay and three reports
 RUN_OUT_S = 3.0  # from the end of a motion to rest at the latest, as of a hand-over
+NS_PER_S = 1_000_000_000
 REPORTS = 3  # in a row beyond the bounds
 GUIDED = ("robot_motors", "robot_lock")  # codes under which a person may move the arm
 

@@ -11,9 +11,10 @@ from tests.hazards import FAILED, NO_CHANGE, PAGE, PASSED, Planted, named_tests,
 from tools.tree import ROOT
 
 
-def test_every_hazard_has_one_row_in_order() -> None:
-    """H01 to H54, as the analysis numbers them."""
-    assert list(rows()) == [f"H{number:02d}" for number in range(1, 55)]
+def test_every_hazard_has_one_row() -> None:
+    """H01 to H55, as the analysis numbers them."""
+    found = re.findall(r"^\| (H\d\d) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(found) == [f"H{number:02d}" for number in range(1, 56)]
 
 
 @pytest.mark.parametrize("hazard", rows())

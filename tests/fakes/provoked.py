@@ -35,7 +35,7 @@ WRENCH_CODES = (
 STATE_CODES = ("robot_link", "link_slow")
 HOLD_CODES = (
     "tracking", "unsendable", "robot_refuses", "acceleration", "rate", "joint_speed", "no_stream",
-    "feedback",
+    "feedback", "unexplained_motion",
 )
 # fmt: on
 OVER = 1.001

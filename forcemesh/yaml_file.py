@@ -14,17 +14,13 @@ from forcemesh.errors import ConfigError
 from forcemesh.validation_texts import what_is_wrong
 
 Model = TypeVar("Model", bound=BaseModel)
+MOST_VALUES = 100_000  # with every alias in full; the largest cell file has less than a hundredth
 
 
 def read_yaml(path: Path, source: str) -> Any:
     """Return the content of a YAML file. Raise ConfigError, which names the file as `source`."""
     try:
-        node, twice = _parsed(path.read_text(encoding="utf-8"))
-        if twice:
-            raise ConfigError(source, list(twice))
-        return None if node is None else SafeConstructor().construct_document(node)
-    except RecursionError:
-        raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
+        return parse_yaml(path.read_text(encoding="utf-8"), source)
     except FileNotFoundError:
         nearby = sorted(str(other) for other in path.parent.glob("[!.]*.yaml"))
         there = f"; there are {', '.join(nearby)}" if nearby else ""
@@ -33,6 +29,17 @@ def read_yaml(path: Path, source: str) -> Any:
         raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
     except UnicodeDecodeError as error:
         raise ConfigError(source, [f"cannot be read: {error}"]) from None
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Return the content of a YAML text. Raise ConfigError, which names it as `source`."""
+    try:
+        node, twice = _parsed(text)
+        if twice:
+            raise ConfigError(source, list(twice))
+        return None if node is None else SafeConstructor().construct_document(node)
+    except RecursionError:
+        raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
 
@@ -53,8 +60,28 @@ def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
 
     The C parser is faster, but a file of nothing but brackets crashes the process.
     """
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    node = refuse_expansion(text)
     return node, tuple(_duplicates(node))
+
+
+def refuse_expansion(text: str) -> yaml.Node | None:
+    """Return the YAML tree of a text. Raise ValueError where aliases make it too large."""
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    if (values := _values(node, {})) > MOST_VALUES:
+        raise ValueError(f"with its aliases it has {values:.3g} values, the limit is {MOST_VALUES}")
+    return node
+
+
+def _values(node: yaml.Node | None, known: dict[int, int]) -> int:
+    """Return the number of values of a node with every alias in full; a cycle counts once."""
+    if not isinstance(node, yaml.CollectionNode):
+        return 1
+    if id(node) not in known:
+        known[id(node)] = 1
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = (part for pair in node.value for part in pair) if pairs else node.value
+        known[id(node)] = 1 + sum(_values(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _duplicates(

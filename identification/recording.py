@@ -18,6 +18,7 @@ WrenchAxes = Literal["sensor", "base"]
 
 BOTH_AXES: tuple[WrenchAxes, ...] = ("sensor", "base")
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "fx", "fy", "fz", "tx", "ty", "tz")
+LONGEST_TEXT_LINE = 1 << 20  # characters: ten thousands of columns
 HEADER_RULE = f"the header must be {','.join(COLUMNS)}"
 
 
@@ -104,7 +105,7 @@ def read_recording(path: Path) -> WrenchRecording:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(_rows(path, file))
+            rows = list(_rows(path, bounded_lines(path, file)))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -125,7 +126,20 @@ def read_recording(path: Path) -> WrenchRecording:
     )
 
 
-def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
+def bounded_lines(path: Path, file: TextIO) -> Iterator[str]:
+    """Yield the lines of a text file. Raise DataError for one that fills the memory."""
+    number = 0
+    while line := file.readline(LONGEST_TEXT_LINE + 1):
+        number += 1
+        if len(line) > LONGEST_TEXT_LINE:
+            raise DataError(
+                f"{path}, line {number}: longer than {LONGEST_TEXT_LINE} characters: not a table "
+                "of numbers, or its line ends are missing"
+            )
+        yield line
+
+
+def _rows(path: Path, file: Iterator[str]) -> Iterator[tuple[int, list[float]]]:
     """Yield line number and the 14 numbers of each row."""
     reader = csv.reader(file, strict=True)
     try:

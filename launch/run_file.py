@@ -2,8 +2,7 @@
 
 `forcemesh/<cell>.json` in XDG_RUNTIME_DIR, else `.run/<cell>.json` in the project's folder, else in
 a private folder of the temporary directory. A folder that another user owns or may write is not
-used.
-The file is removed when a cell ends normally, and kept after a death.
+used. The file is removed when a cell ends normally, and kept after a death.
 """
 
 import os

@@ -17,7 +17,7 @@ from mcap.records import Channel, Schema
 from cli.recording_tables import flat_fields
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
-from services.recorder.reading import BROKEN_OFF
+from services.recorder.reading import BROKEN_OFF, refuse_large_chunks
 
 MAGIC = b"\x89MCAP0\r\n"
 LOG_TIME, STAMP = "log_time_s", "stamp_s"
@@ -52,6 +52,7 @@ class McapTable:
         """Read the names of the fields. Raises DataError if no topic, or several, can be read."""
         self.path = path
         self.notes: list[str] = []
+        refuse_large_chunks(path)
         self._channels = self._listed()
         self.topic = topic or self._only_topic()
         self._decode = self._decoder()

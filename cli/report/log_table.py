@@ -14,6 +14,7 @@ import numpy as np
 
 from common.motion.frames import Array
 from forcemesh.errors import DataError
+from identification.recording import bounded_lines
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".log")
 DELIMITERS = (";", "\t", ",", " ")
@@ -98,7 +99,7 @@ class CsvTable:
         """Yield number and text of each line with content that is not a comment."""
         try:
             with self.path.open(encoding="utf-8-sig") as stream:
-                for number, line in enumerate(stream, 1):
+                for number, line in enumerate(bounded_lines(self.path, stream), 1):
                     if (text := line.strip("\r\n")).strip() and not text.startswith(COMMENT):
                         yield number, text
         except UnicodeDecodeError:

@@ -25,6 +25,7 @@ from forcemesh.errors import DataError, first_mistake
 from forcemesh.messages import Vec3
 from forcemesh.records import checked_unit
 from forcemesh.units import mounting_objection
+from forcemesh.yaml_file import refuse_expansion
 
 DOWN: Vec3 = (0.0, 0.0, -1.0)
 MOVED = (
@@ -134,7 +135,9 @@ def save(payload: Payload, path: Path) -> None:
 def load(path: Path) -> Payload:
     """Read a payload file. Raises DataError naming file, key and expected value."""
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        refuse_expansion(text)
+        data = yaml.safe_load(text)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -143,6 +146,8 @@ def load(path: Path) -> Payload:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark is not None else ""
         raise DataError(f"{path}{where}: is not valid YAML") from error
+    except ValueError as error:
+        raise DataError(f"{path}: {error}") from error
     if not isinstance(data, dict):
         raise DataError(f"{path}: must hold the keys of a payload, such as mass_kg: 1.5")
     if mistake := _unknown_key(data, Payload) or _unknown_key(data.get("drift"), BiasDrift):

@@ -7,11 +7,11 @@ is of an older schema version.
 import heapq
 import struct
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
 import zstandard
 from mcap import records
 from mcap.exceptions import McapError
@@ -26,13 +26,14 @@ from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, DataError
 from forcemesh.recorded_messages import readdressed
 from forcemesh.topics import TOPICS
+from forcemesh.yaml_file import parse_yaml
 from services.recorder.frames import Frame, frames_of, unwrap
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
 BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError, KeyError)
 DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
-MOST_CHUNK_B = 1 << 30
+MOST_CHUNK_B = 1 << 28  # of other robots too; the recorder writes 8 MB
 QOS = {topic.key: topic.qos for topic in TOPICS}
 
 
@@ -82,8 +83,9 @@ class RecordedFile:
         if self._cell_file is None:
             return None
         try:
-            return cell_from_tree(yaml.safe_load(self._cell_file), str(self.path))
-        except (ConfigError, yaml.YAMLError):
+            text = self._cell_file.decode()
+            return cell_from_tree(parse_yaml(text, str(self.path)), str(self.path))
+        except (ConfigError, UnicodeDecodeError):
             return None
 
     def messages(self, topic: str | None = None) -> Iterator[RecordedMessage]:
@@ -127,6 +129,7 @@ class RecordedFile:
         for record in self._records():
             if not isinstance(record, records.Chunk):
                 continue
+            refuse_large_chunk(self.path, record)
             try:
                 body = zstandard.decompress(record.data, MOST_CHUNK_B)
             except zstandard.ZstdError:
@@ -149,7 +152,9 @@ class RecordedFile:
             raise DataError(f"{self.path}: cannot be read: {error.strerror}") from None
         with stream:
             try:
-                for record in StreamReader(stream, emit_chunks=True).records:
+                for record in StreamReader(
+                    stream, emit_chunks=True, record_size_limit=MOST_CHUNK_B
+                ).records:
                     self._note(record)
                     yield record
                     if isinstance(record, records.DataEnd):
@@ -168,6 +173,33 @@ class RecordedFile:
             self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
         elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
             self._cell_file = record.data
+
+
+def refuse_large_chunk(path: Path, chunk: records.Chunk) -> None:
+    """Raise DataError for a chunk that declares more data than any recording has in one.
+
+    The decompressor reserves the size that a zstd frame declares before it reads the data.
+    """
+    declared_B = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        with suppress(zstandard.ZstdError):  # a broken frame reserves nothing
+            declared_B = max(declared_B, zstandard.frame_content_size(chunk.data))
+    if declared_B > MOST_CHUNK_B:
+        raise DataError(
+            f"{path}: a chunk declares {declared_B / 1e6:.0f} MB, the limit is "
+            f"{MOST_CHUNK_B / 1e6:.0f} MB: damaged, or no recording; `mcap compress --chunk-size` "
+            "writes smaller ones"
+        )
+
+
+def refuse_large_chunks(path: Path) -> None:
+    """Raise DataError as `refuse_large_chunk` for a file that another reader decompresses."""
+    with path.open("rb") as stream, suppress(*BROKEN_OFF):
+        for record in StreamReader(
+            stream, emit_chunks=True, record_size_limit=MOST_CHUNK_B
+        ).records:
+            if isinstance(record, records.Chunk):
+                refuse_large_chunk(path, record)
 
 
 def chosen(messages: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:

@@ -60,7 +60,10 @@ def _scalars(annotation: Any, bounds: Meta) -> st.SearchStrategy[Any]:
     if annotation is bool:
         return st.booleans()
     if annotation is int:
-        return st.integers(*INT64)
+        least, below = bounds.ge, bounds.lt
+        return st.integers(
+            INT64[0] if least is None else int(least), INT64[1] if below is None else int(below) - 1
+        )
     if annotation is str:
         if bounds.pattern is not None:
             return st.from_regex(bounds.pattern.removesuffix(NO_BREAK), fullmatch=True)

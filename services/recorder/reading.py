@@ -19,8 +19,9 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 from pydantic_core import from_json
 
+from common.config.calibration import NO_FILE
 from common.config.cell import CellConfig
-from common.config.load import cell_from_tree
+from common.config.load import CALIBRATION, cell_from_tree
 from forcemesh.bus import Transport
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, DataError
@@ -32,6 +33,7 @@ from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
 BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError, KeyError)
+GRAVITY = "gravity_direction_in_base"
 DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
 MOST_CHUNK_B = 1 << 28  # of other robots too; the recorder writes 8 MB
 QOS = {topic.key: topic.qos for topic in TOPICS}
@@ -84,7 +86,9 @@ class RecordedFile:
             return None
         try:
             text = self._cell_file.decode()
-            return cell_from_tree(parse_yaml(text, str(self.path)), str(self.path))
+            tree = parse_yaml(text, str(self.path))
+            _take_older_keys(tree)
+            return cell_from_tree(tree, str(self.path))
         except (ConfigError, UnicodeDecodeError):
             return None
 
@@ -173,6 +177,18 @@ class RecordedFile:
             self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
         elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
             self._cell_file = record.data
+
+
+def _take_older_keys(tree: Any) -> None:
+    """Change a recorded cell in which gravity is a key of the payload, as all once were.
+
+    A cell without a calibration file then worked with the payload of its cell file.
+    """
+    payload = tree.get("payload") if isinstance(tree, dict) else None
+    if isinstance(payload, dict) and (gravity := payload.pop(GRAVITY, None)) is not None:
+        tree.setdefault(GRAVITY, gravity)
+        if tree.get(CALIBRATION) is None:
+            tree[CALIBRATION] = NO_FILE
 
 
 def refuse_large_chunk(path: Path, chunk: records.Chunk) -> None:

@@ -6,14 +6,15 @@ import pinocchio as pin
 from common.motion.convert import record_of
 from controller.packet import Packet
 from controller.packet_table import Com
+from forcemesh import topics
 from forcemesh.messages import Feedback, Gains
-from forcemesh.requests import ForceStartRequest
+from forcemesh.requests import ForceStartRequest, GainsRequest
 from services.arbiter.commanders import SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import PERIOD_NS, T_START
 from tests.fakes.bench import CELL
 from tests.fakes.gateway_world import FaultyController, GatewayWorld
-from tests.fakes.regulator_bench import RegulatorBench
+from tests.fakes.regulator_bench import KI, RegulatorBench
 
 TOUCH_N, SETPOINT_N = CELL.force.touch_N, 20.0
 STEPS = 600  # of two milliseconds: longer than the controller may take to reply
@@ -53,6 +54,14 @@ def swing() -> str:
         bench.push((0.0, 0.0, SETPOINT_N + (-15.0 if number % 2 else 15.0)))
         bench.pass_s(2.0 * CELL.loop_delay_s)
     return bench.published().code
+
+
+def request_unstable_gains() -> str:
+    """Request twenty times the gain of the cell's stiffness."""
+    bench = RegulatorBench()
+    bench.step()
+    asked = GainsRequest(force_i_m_per_Ns=(0.0, 0.0, 20.0 * KI))
+    return bench.ask(topics.GAINS, asked).code
 
 
 # --- the gateway ----------------------------------------------------------------------------------

@@ -67,6 +67,7 @@ from tests.fakes.provoked_last import (
     preempt,
     push_sideways,
     request_gain_that_rounds_to_zero,
+    request_unstable_gains,
     search_too_far,
     start_no_feedback,
     swing,
@@ -321,6 +322,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "signal_unknown":   partial(request_signal, "none"),
     "signal_not_permitted": partial(request_signal, "lamp", "program"),
     "signal_held":      partial(request_signal, "gripper_close"),
+    "unstable_gains":   request_unstable_gains,
     "late":             ask_a_frozen_arbiter,
 }
 # fmt: on

@@ -45,9 +45,17 @@ REACH = Reach(5e-4, 3e-3)  # from the target, within which a goal is done
 class PoseScales(Protocol):
     """Packet units of a pose."""
 
-    position_per_mm: int
-    oat_per_deg: int
-    joint_per_deg: int
+    @property
+    def position_per_mm(self) -> int:
+        """Units per millimetre."""
+
+    @property
+    def oat_per_deg(self) -> int:
+        """Units per degree of O, A and T."""
+
+    @property
+    def joint_per_deg(self) -> int:
+        """Units per degree of a joint."""
 
 
 def reach_of(scales: PoseScales) -> Reach:
@@ -64,8 +72,8 @@ def rest_bounds(cell: CellConfig) -> Reach:
 
         X = 2 (reach + noise + limits.force_N / stiffness of the arm), Y likewise with the torque
 
-    - reach: a goal is done within it, the rest of the way may follow; it contains the rounding of
-      the packet's scales (`reach_of`).
+    - reach: a goal is done within it, the rest of the travel may follow; it contains the rounding
+      of the packet's scales (`reach_of`).
     - noise: of reports at rest, as measured on the simulated arm and the emulated controller.
     - compliance: a contact that changes by the whole force ceiling moves an arm that keeps its pose
       by force over stiffness; a force acts on the rotation through the longest tool, 0.3 m.

@@ -250,8 +250,9 @@ class GateMachine(RuleBasedStateMachine):
 
     def reading(self, age_s: float = 0.0) -> Reading[RobotCommand]:
         """Return the last command that the arbiter has sent."""
-        number = {"seq": self.seq, "epoch": self.epoch, "challenge": self.challenge}
-        return command_reading(self.lease, **number, age_s=age_s)
+        return command_reading(
+            self.lease, seq=self.seq, epoch=self.epoch, challenge=self.challenge, age_s=age_s
+        )
 
     @rule()
     def repeat(self) -> None:

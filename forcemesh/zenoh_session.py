@@ -21,7 +21,7 @@ from forcemesh.connection import Reachable
 from forcemesh.errors import BusError, NoHubError
 from forcemesh.identity import HUB, common_name
 from forcemesh.topics import CLIENT, SELF_TEST, Qos
-from forcemesh.zenoh_settings import client_settings, endpoint_of, security_of
+from forcemesh.zenoh_settings import MOST_SESSIONS, client_settings, endpoint_of, security_of
 
 MAX_WAITING_REQUESTS = 16
 SELF_TEST_WITHIN_S = 1.0  # until one session is announced to the other
@@ -126,7 +126,10 @@ def _connect(
             return zenoh.open(zenoh.Config.from_json5(config))
         except zenoh.ZError as error:
             if time.monotonic() >= give_up:
-                raise NoHubError(f"no hub at {endpoint}{refusing}: is the cell up?") from error
+                raise NoHubError(
+                    f"no hub at {endpoint}{refusing}: is the cell up? Or end other clients: "
+                    f"a hub serves at most {MOST_SESSIONS} processes at once"
+                ) from error
             time.sleep(0.1)
 
 

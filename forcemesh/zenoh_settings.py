@@ -17,6 +17,7 @@ ONE_THREAD = (
     "(rx: (worker_threads: 1), app: (handover: rx), tx: (handover: rx), acc: (handover: rx))"
 )
 CONNECT_ATTEMPT_MS = 500
+MOST_SESSIONS = 64  # that a hub serves at once
 ROOM_B = 4_000_000  # doubled by the kernel for its overhead
 LEASE_MS = 500
 # Transmit queue length per priority. Real-time messages are not batched: with Zenoh's default of

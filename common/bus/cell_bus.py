@@ -10,12 +10,16 @@ from forcemesh.bus import Bus
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.identity import refuse_in_the_clear
 from forcemesh.zenoh_session import open_router, open_session
-from forcemesh.zenoh_settings import endpoint_of, security_of, session_settings
+from forcemesh.zenoh_settings import (
+    MOST_SESSIONS,
+    endpoint_of,
+    security_of,
+    session_settings,
+)
 
 # What no honest client needs more of: the longest message of the table has less than 4 kB.
 LONGEST_MESSAGE_B = 16_384
 LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
-MOST_CLIENTS = 64
 
 SHORT = {
     "id": "no long messages",
@@ -25,7 +29,7 @@ SHORT = {
     "size_limit": LONGEST_MESSAGE_B,
 }
 HUB_TRANSPORT = {
-    "unicast": {"max_sessions": MOST_CLIENTS},
+    "unicast": {"max_sessions": MOST_SESSIONS},
     "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
 }
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from common.bus.cell_bus import open_bus, open_hub
+from common.bus.cell_bus import HUB_TRANSPORT, open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
@@ -200,6 +200,20 @@ def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:
     """It names the endpoint."""
     with (
         pytest.raises(BusError, match=f"no hub at {cell.bus.endpoint}"),
+        open_bus(cell, topics.CLIENT, patience_s=0.2),
+    ):
+        pass
+
+
+def test_a_client_beyond_the_most_sessions_gets_the_number(
+    cell: CellConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The session of another client has to end first."""
+    monkeypatch.setitem(HUB_TRANSPORT, "unicast", {"max_sessions": 1})
+    with (
+        open_hub(cell),
+        open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S),
+        pytest.raises(BusError, match="a hub serves at most 64 processes at once"),
         open_bus(cell, topics.CLIENT, patience_s=0.2),
     ):
         pass

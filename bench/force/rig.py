@@ -61,6 +61,7 @@ class SceneSettings:
             "filter.median": 5,
             "limits.accel_m_s2": self.accel_m_s2,
             "limits.force_N": 500.0,
+            "sensor.force_range_N": 600.0,
             "contact.stiffness_N_m": STIFFEST_N_M,
             "sim.stiffness_N_m": self.stiffness_N_m,
             "sim.delay_s": delay_s,

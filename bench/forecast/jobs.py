@@ -62,6 +62,7 @@ class DrawnJob:
             "contact.inertia_kg": self.tool_mass_kg + SENSED_KG,
             "limits.accel_m_s2": self.accel_m_s2,
             "limits.force_N": 500.0,
+            "sensor.force_range_N": 600.0,
             "sim.stiffness_N_m": self.stiffness_N_m,
             "sim.delay_s": self.delay_ms / 1e3,
             "sim.gap_m": GAP_M,

@@ -109,6 +109,8 @@ def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
 
     def add_rows(section: Any, path: str, inherited: str) -> None:
         for name in type(section).model_fields:
+            if type(section).model_fields[name].exclude:
+                continue
             value, key = getattr(section, name), f"{path}{name}"
             source = inherited or ("file" if name in section.model_fields_set else "default")
             if hasattr(type(value), "model_fields"):

@@ -9,7 +9,15 @@ from forcemesh.client.ask import remedy_of, stopped_error
 from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
-from forcemesh.messages import ZERO3, Joints, PoseRecord, Quaternion, RobotState, Vec3
+from forcemesh.messages import (
+    ZERO3,
+    ArbiterStatus,
+    Joints,
+    PoseRecord,
+    Quaternion,
+    RobotState,
+    Vec3,
+)
 from forcemesh.requests import HoldRequest, MoveRequest
 
 MOVE_POLL_S = 0.02
@@ -94,6 +102,8 @@ class Move:
             status = self._arbiter.reading().fresh
             if status is not None and status.state in STOPPED:
                 raise stopped_error(status, ENDED)
+            if status is not None and status.goal_id > self.id:
+                raise _taken(status)
             self._clock.sleep_s(MOVE_POLL_S)
         if self.began:
             raise NotReachedError(f"{ENDED}: {reason}")
@@ -107,9 +117,14 @@ class Move:
         elif status.state in STOPPED:
             raise stopped_error(status, ENDED)
         elif now_ns - self._mine_ns > TAKEN_S * NS_PER_S:
-            why = "; ".join(trip.text for trip in status.trips) or "no reason given"
-            code = status.trips[-1].code if status.trips else "preempted"
-            raise ArmStoppedError(code, f"{ENDED}: {why}", remedy_of(code))
+            raise _taken(status)
+
+
+def _taken(status: ArbiterStatus) -> ArmStoppedError:
+    """Return the exception of a move that another commander or move has replaced."""
+    why = "; ".join(trip.text for trip in status.trips) or "no reason given"
+    code = status.trips[-1].code if status.trips else "preempted"
+    return ArmStoppedError(code, f"{ENDED}: {why}", remedy_of(code))
 
 
 class Moves:

@@ -37,7 +37,7 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("move by 1,0,0,0,0,0 --as regulator", USAGE, "'regulator' is not one of 'operator', 'program'"),
     ("move by 1000000,0,0,0,0,0", USAGE, "J1 must be within 5000 degrees, found 1e+06"),
     ("move joints 0,0,0,0,0,-9999", USAGE, "J6 must be within 5000 degrees, found -9999"),
-    ("move to 1e9,0,0,0,0,0", USAGE, "a position of 1e+06 m is beyond 100 m"),
+    ("move to 1e9,0,0,0,0,0", USAGE, "pose.position_m.0: must be at most 100 m"),
     ("jog j1 1e9", USAGE, "BY must be within 5000 degrees, found 1e+09"),
     ("jog rx 1e9", USAGE, "BY must be within 5000 degrees, found 1e+09"),
     ("jog w 10", USAGE, "unknown axis 'w': choose from x, y, z, rx, ry, rz, j1, j2, j3, j4, j5, j6"),

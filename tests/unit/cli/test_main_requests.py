@@ -296,7 +296,7 @@ def test_a_jog_far_out_of_range_is_refused_with_a_rounded_number(services: Stand
     """The error gives one rounded number and the limit; nothing is requested."""
     done = run("jog", "z", "1e9")
     assert done.exit_code == USAGE
-    assert "pose: a position of 1e+06 m is beyond 100 m" in done.stderr
+    assert "pose.position_m.2: must be at most 100 m, found 1e+06 m" in done.stderr
     assert services.requests == []
 
 

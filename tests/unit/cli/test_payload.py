@@ -185,7 +185,7 @@ def test_poses_that_are_too_similar_end_with_exit_code_two(tmp_path):
 def test_a_payload_that_cannot_be_written_or_read_ends_with_exit_code_two(tmp_path):
     """The file is named in both cases."""
     path = write_recording(tmp_path / "a.csv")
-    missing = tmp_path / "none" / "payload.yaml"
+    missing = path / "payload.yaml"  # a file is no folder
     for result in (run("fit", path, "--out", missing), run("check", path, "--payload", missing)):
         assert result.exit_code == 2
         assert str(missing) in result.stderr

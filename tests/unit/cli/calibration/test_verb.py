@@ -1,5 +1,6 @@
 """Verb `calibrate` on a virtual cell: files, sending, output and usage errors."""
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -48,6 +49,7 @@ def lab(tmp_path, monkeypatch) -> CalibrationLab:
     def connected(_cell: Any, *, patience_s: float) -> Iterator[ConfiguredCell]:
         yield found.client
 
+    importlib.import_module("cli.calibration.finish")  # annotates with the class
     monkeypatch.setattr("common.bus.configured_cell.ConfiguredCell", connected)
     return found
 

@@ -17,7 +17,6 @@ from forcemesh.messages import ZERO3, Goal, RobotState, RobotStatus, Speed, Trip
 from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import robot_faults
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms
-from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 from tests.fakes.arbiter_world import CELL, T_START, World, with_fault
 from tests.fakes.line import Line
@@ -47,15 +46,6 @@ def test_a_message_that_is_not_received_is_not_judged_otherwise(name: str) -> No
     world.silent.add(name)
     assert limit_check(world) == []
     assert bool(robot_faults(world.inputs())) == (name != "robot")
-
-
-def test_an_arm_at_no_place_never_rests() -> None:
-    """A pose without an orientation is nowhere, however often it is repeated."""
-    world, rest = World(), RestWatch()
-    world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
-    for _ in range(5):
-        world.now_ns += 1_000_000_000
-        assert rest.update(world.inputs()) == 0.0
 
 
 # --- the last check -------------------------------------------------------------------------------

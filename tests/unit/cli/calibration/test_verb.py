@@ -27,7 +27,10 @@ from tests.fakes.weights import TRUTH
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
 
 
-def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
+CALIBRATION = "made/demo.yaml"
+
+
+def cell_file(folder: Path, calibration: str | None = CALIBRATION) -> Path:
     """Write the demo's cell file, which names a calibration, into a folder."""
     tree = yaml.safe_load(DEMO.read_text())
     tree["limits"]["speed_m_s"] = 1.0
@@ -41,9 +44,9 @@ def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
 
 
 @pytest.fixture
-def lab(tmp_path, monkeypatch) -> CalibrationLab:
-    """A cell on a virtual clock that replaces the running one."""
-    found = CalibrationLab(load_cell(cell_file(tmp_path)))
+def lab(request, tmp_path, monkeypatch) -> CalibrationLab:
+    """A cell on a virtual clock that replaces the running one; its parameter: the calibration."""
+    found = CalibrationLab(load_cell(cell_file(tmp_path, getattr(request, "param", CALIBRATION))))
 
     @contextmanager
     def connected(_cell: Any, *, patience_s: float) -> Iterator[ConfiguredCell]:
@@ -134,6 +137,7 @@ def test_the_wizard_uses_its_result_and_other_methods_need_the_option(options, u
     assert puts_into_use(**(plain | options)) is uses
 
 
+@pytest.mark.parametrize("lab", ["none"], indirect=True)  # the wrench is calibrated
 def test_a_calibration_does_not_start_in_contact(lab, tmp_path):
     """The error gives the force and the remedy, and nothing has moved."""
     arm, q = lab.world.arm, lab.world.arm.q

@@ -64,4 +64,4 @@ def test_the_judge_finds_the_commands_that_the_guard_keeps_back(
     for where in without:
         allowed = 1.0 if where in (AS_IT_CAME, IN_ONE) else None
         monkeypatch.setattr(*where, lambda *_, allowed=allowed, **__: allowed)
-    assert any(breaks in commands.fuzz(robot, 2500, seed=seed).broken for seed in (2, 1))
+    assert any(breaks in commands.fuzz(robot, 2500, seed=seed).broken for seed in (2, 1, 5))

@@ -22,7 +22,8 @@ endif
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
 COVERED_BY = $(addprefix tests/unit/,services/arbiter services/gateway services/regulator \
   services/wrench common/motion common/runtime common/config controller/test_packet.py controller/test_plain.py \
-  tuning/test_measured_range.py tuning/test_gain_rule.py) $(wildcard tests/unit/forcemesh/test_*.py)
+  tuning/test_measured_range.py tuning/test_gain_rule.py launch/test_virtual_cell_speed.py repository/test_input_bounds.py) \
+  $(wildcard tests/unit/forcemesh/test_*.py) tests/contract/test_stop_contract.py tests/scenario/test_controller_error_virtual.py
 NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_a_rule or dead_end or every_fault_of_the_sensor \
   or judge_finds or judge_detects or no_command_gets_past or wall_that_vanishes or four_times_stiffer \
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open

@@ -283,9 +283,8 @@ class Driver:
 
     def _void(self, now_ns: int) -> None:
         """Brake, and void the packet of a goal that ended other than done, by a hold after it."""
-        if not self._holding and self._dialogue.ready:
-            self._tracking.free()
-            self._send(self._dialogue.hold(now_ns), now_ns)
+        self._tracking.free()
+        self._send(self._dialogue.hold(now_ns), now_ns)
 
     @property
     def _may_begin(self) -> bool:

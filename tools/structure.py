@@ -189,7 +189,7 @@ def report(structure: Structure) -> Iterator[str]:
     median, long = statistics.median(lines), percentile(lines, 0.95)
     yield f"files: {len(lines)}, median {median:.0f}, p95 {long}"
     yield f"functions: {len(bodies)}, body p95 {percentile(bodies, 0.95)}"
-    yield f"crumbs: {len(structure.crumbs)}"
+    yield f"crumbs: {structure.crumbs}"
     share = structure.single_share
     yield f"single: {len(structure.single)}, {share:.1%} without rows of registries"
     yield f"cycles: {[len(group) for group in cycles(structure.graph)]}"

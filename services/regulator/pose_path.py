@@ -45,8 +45,8 @@ class PosePath:
 
     @property
     def pending(self) -> int:
-        """Number of pieces that are still to be followed."""
-        return len(self.curve.pieces)
+        """Number of pieces and poses that are still to be followed."""
+        return self.curve.pending
 
     def end(self, _T_base_tcp: pin.SE3) -> pin.SE3:
         """Return the pose at the end."""

@@ -32,10 +32,18 @@ def start(**changes: float) -> PathCurve:
     return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURNS)
 
 
+def joined(path: PathCurve, poses: list[pin.SE3], blend_m: float) -> PathCurve:
+    """Return the path with more poses, all joined."""
+    path = path.extended(poses, blend_m)
+    while path.waiting:
+        path = path.joined()
+    return path
+
+
 def followed(path: PathCurve, dt_s: float = DT_S) -> list[PathCurve]:
     """Return the path at each period until it stands at its end."""
     passed = [path]
-    while passed[-1].pieces:
+    while passed[-1].pending:
         assert len(passed) < 20_000, "the path does not end"
         passed.append(passed[-1].advanced(dt_s, share=1.0, most_m=MOST_M))
     return passed
@@ -61,7 +69,7 @@ def test_the_feed_never_exceeds_its_limits_and_the_end_is_reached_exactly(route,
 def test_the_curve_is_continuous_and_passes_near_every_pose(route, blend_m) -> None:
     """Each piece begins where the last one ends; a blend cuts a corner within its distance."""
     poses = [pose_at(place) for place in route]
-    path = start().extended(poses, blend_m)
+    path = joined(start(), poses, blend_m)
     for a, b in pairwise(path.pieces):
         assert apart(a.at(a.length_m), b.at(0.0)) == pytest.approx((0.0, 0.0), abs=1e-9)
     samples = [
@@ -79,8 +87,8 @@ def test_the_curve_is_continuous_and_passes_near_every_pose(route, blend_m) -> N
 def test_poses_in_two_requests_are_the_same_curve_as_in_one(first, second, blend_m) -> None:
     """Also the corner between both is blended, as long as the tool is before it."""
     a, b = [[pose_at(place) for place in route] for route in (first, second)]
-    at_once = start().extended(a + b, blend_m)
-    in_two = start().extended(a, blend_m).extended(b, blend_m)
+    at_once = joined(start(), a + b, blend_m)
+    in_two = joined(joined(start(), a, blend_m), b, blend_m)
     assert len(at_once.pieces) == len(in_two.pieces)
     assert at_once.ends_m_s == pytest.approx(in_two.ends_m_s)
     for one, other in zip(at_once.pieces, in_two.pieces, strict=True):
@@ -113,7 +121,7 @@ def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
 def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
     """A rotation has no direction of travel, so the path stops before and after it."""
     turn = pose_at((0.0, 0.0, 0.0, 0.0, 0.0, 0.4))
-    path = start().extended([turn, turn, pose_at((0.01, 0, 0, 0, 0, 0.4))], 0.005)
+    path = joined(start(), [turn, turn, pose_at((0.01, 0, 0, 0, 0, 0.4))], 0.005)
     assert len(path.pieces) == 2
     assert path.pieces[0].length_m == pytest.approx(0.4 * ROTATION_RADIUS_M)
     assert path.tangent == pytest.approx(np.zeros(3))
@@ -124,7 +132,7 @@ def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
 @given(st.floats(0.0, 0.1), st.floats(1e-3, 1.0))
 def test_a_turn_that_the_travel_does_not_explain_has_a_speed_of_its_own(travel_m, angle) -> None:
     """A tool that travels over a convex body turns as fast as its feed; in place it is slow."""
-    (piece,) = start().extended([pose_at((travel_m, 0, 0, 0, angle, 0))], 0.0).pieces
+    (piece,) = joined(start(), [pose_at((travel_m, 0, 0, 0, angle, 0))], 0.0).pieces
     turn_rad_s = piece.fastest_m_s * angle / piece.length_m
     explained = min(travel_m / (ROTATION_RADIUS_M * angle), 1.0)
     assert turn_rad_s <= TURN_RAD_S * (1 + 1e-6)
@@ -145,3 +153,16 @@ def test_the_feed_changes_with_the_acceleration_of_the_curve() -> None:
     ended = followed(path)[-1]
     assert ended.advanced(DT_S, share=1.0, most_m=MOST_M).now_m_s == 0.0
     assert (ended.left_m, ended.tangent.tolist()) == (0.0, [0.0, 0.0, 0.0])
+
+
+@settings(max_examples=20)
+@given(routes, blends)
+def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend_m) -> None:
+    """One is joined in each period, and the tool moves as on a curve that is joined at once."""
+    poses = [pose_at(place) for place in route]
+    lazy, whole = start().extended(poses, blend_m), joined(start(), poses, blend_m)
+    for count in range(100):
+        lazy = lazy.advanced(DT_S, share=1.0, most_m=MOST_M)
+        whole = whole.advanced(DT_S, share=1.0, most_m=MOST_M)
+        assert len(lazy.waiting) <= max(len(poses) - 1 - count, 0)
+        assert apart(lazy.T_reference, whole.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -313,23 +313,31 @@ def gain_for(
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
     slowness = min(max((dt_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
-    slowness = max(slowness, min((1.0 - share) / UNPREDICTED_AT, 1.0))
+    faded = max(slowness, min((1.0 - share) / UNPREDICTED_AT, 1.0))
+    rule = settings.plain_gain_m_per_Ns
+    Ki, w = [], []
+    for k_N_m, requested in zip(k, requested_Ki, strict=True):
+        gain, weight = _gain_at(k_N_m, settings, tau_s, faded)
+        if faded > slowness:  # a wrong delay model never permits more prediction
+            weight = min(weight, _gain_at(k_N_m, settings, tau_s, slowness)[1])
+        if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
+            gain, weight = min(gain, rule), 0.0
+        Ki.append(gain * share * min(requested / (rule * share), 1.0))
+        w.append(weight)
+    return Ki, w
+
+
+def _gain_at(
+    k_N_m: float, settings: AdaptiveSettings, tau_s: float, slowness: float
+) -> tuple[float, float]:
+    """Return gain and prediction weight of a loop, which is fast at 0 and slow at 1."""
     fast_margin, slow_margin = SURE_INERTIA_MARGIN
     margin = fast_margin + (slow_margin - fast_margin) * slowness
     loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
     fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
-    cap, rule = margin * settings.inertia_cap_m_per_Ns, settings.plain_gain_m_per_Ns
-    shared_rule = rule * share
-    Ki, w = [], []
-    for k_N_m, requested in zip(k, requested_Ki, strict=True):
-        gain = min(loop / (k_N_m * tau_s), cap)
-        faded_in = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
-        weight = min(max(faded_in, 0.0), settings.largest_prediction_weight)
-        if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
-            gain, weight = min(gain, rule), 0.0
-        Ki.append(gain * share * min(requested / shared_rule, 1.0))
-        w.append(weight)
-    return Ki, w
+    gain = min(loop / (k_N_m * tau_s), margin * settings.inertia_cap_m_per_Ns)
+    faded_in = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
+    return gain, min(max(faded_in, 0.0), settings.largest_prediction_weight)
 
 
 def limit_gain_for_braking(

@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
@@ -51,6 +51,7 @@ def test_a_longer_period_has_a_lower_gain(one_s, other_s, k_N_m) -> None:
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.05, 1.0), st.floats(200.0, 2e5))
+@example(0.85, 1.0, 6400.0)  # prediction rose by a quarter before it fell
 def test_a_smaller_gain_share_has_a_lower_gain_and_no_more_prediction(one, other, k_N_m) -> None:
     """Of requests at the rule or above it; from some fall on nothing is predicted."""
     settings, dt_s = AdaptiveSettings.of(CELL), 1.0 / CELL.rates.control_hz

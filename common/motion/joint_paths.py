@@ -4,7 +4,7 @@ The path is sampled and followed by inverse kinematics from the measured joint a
 sample starting at the last one. A joint that already is beyond its range may move back.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from math import ceil, hypot, pi
 from typing import NamedTuple
@@ -58,6 +58,24 @@ def path_obstacle(
 ) -> Obstacle | None:
     """Return why straight segments from one flange pose to the next cannot be followed.
 
+    The arguments are those of `path_samples`.
+    """
+    return next(filter(None, path_samples(space, poses, robot, T_from, speed_m_s=speed_m_s)), None)
+
+
+def path_samples(
+    space: JointSpace | None,
+    poses: Iterable[pin.SE3],
+    robot: RobotState,
+    T_from: pin.SE3,
+    *,
+    speed_m_s: float | None = None,
+) -> Iterator[Obstacle | None]:
+    """Check straight segments from one flange pose to the next sample by sample.
+
+    Yields None for each sample that can be reached, and ends with the first obstacle. One takes
+    about 0.1 ms, so a control loop takes some in each period.
+
     Args:
         space: Joint space of the arm.
         poses: Ends of the segments, flange in base.
@@ -68,7 +86,7 @@ def path_obstacle(
     """
     T_measured = pose_of(robot)
     if space is None or space.misfit(T_measured, robot.joint_rad):
-        return None
+        return
     q = np.array(robot.joint_rad)
     T_flange_model = T_measured.actInv(space.arm.flange_pose(q))
     walk = _Walk(space, q, T_flange_model)
@@ -84,11 +102,12 @@ def path_obstacle(
         for sample in range(1, count + 1):
             trip = walk.to(interpolated(*segment, sample / count), time_s)
             if trip is not None and number > 0:
-                return Obstacle(number, trip)
-    return None
+                yield Obstacle(number, trip)
+                return
+            yield None
 
 
-def tool_path_refusal(
+def tool_path_refusals(
     space: JointSpace | None,
     poses: Sequence[pin.SE3],
     robot: RobotState | None,
@@ -96,8 +115,8 @@ def tool_path_refusal(
     *,
     T_tcp_flange: pin.SE3,
     speed_m_s: float,
-) -> Reply | None:
-    """Return why the joints cannot follow a path of the tool, None when they can.
+) -> Iterator[Reply | None]:
+    """Check whether the joints can follow a path of the tool, as `path_samples`, with refusals.
 
     Args:
         space: Joint space of the arm.
@@ -108,14 +127,14 @@ def tool_path_refusal(
         speed_m_s: Speed along the path.
     """
     if robot is None:
-        return None
+        return
     flange_poses = (T * T_tcp_flange for T in poses)
-    found = path_obstacle(
+    for found in path_samples(
         space, flange_poses, robot, T_base_tcp * T_tcp_flange, speed_m_s=speed_m_s
-    )
-    if found is None:
-        return None
-    return refused(found.trip.replaced(text=clipped(f"point {found.point}: {found.trip.text}")))
+    ):
+        yield found and refused(
+            found.trip.replaced(text=clipped(f"point {found.point}: {found.trip.text}"))
+        )
 
 
 class _Walk:

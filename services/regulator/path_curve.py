@@ -9,7 +9,7 @@ brakes along the arc length s with a, and is planned over all pending pieces:
 v_end is zero at a sharp corner without a blend and at the end. A rotation counts as the travel of a
 point ROTATION_RADIUS_M away, so the tool may also turn in place.
 
-Poses that are added wait, and are joined a few in each period: a joint takes a tenth of a millisecond.
+Poses that are added wait, and a few are joined in each period: one takes a tenth of a millisecond.
 What has been joined ends with v_end = 0, so the tool never meets a pose that still waits.
 
 A face that turns on its contact pushes its edge into the surface, unlike one that travels over a

@@ -1,6 +1,6 @@
 """Regulator service: wrench and robot state in, proposed flange pose out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from math import hypot
@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotated, rotated_back, scaled
-from common.motion.joint_paths import tool_path_refusal
+from common.motion.joint_paths import tool_path_refusals
 from common.motion.joint_space import JointSpace
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
@@ -20,9 +19,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.faults import refusal
 from forcemesh.messages import (
     OPERATIONAL,
-    ZERO3,
     ContactEvent,
-    Feedback,
     Gains,
     RegulatorTarget,
     RobotState,
@@ -37,10 +34,9 @@ from services.regulator.contact_events import ContactTracker
 from services.regulator.delay_watch import (
     DelayWatch,
     DelayWatchSettings,
-    scaled_gains,
     share_to_send,
 )
-from services.regulator.gains import PiGains, gains_to_send, held_gains, merged_gains
+from services.regulator.gains import PiGains, gains_to_send, merged_gains
 from services.regulator.guards import (
     TARED,
     GuardSample,
@@ -71,6 +67,7 @@ from services.regulator.session import (
     describe,
     move,
     ramped_task,
+    valid_target,
 )
 from services.regulator.task_refusals import refused_task
 from services.regulator.task_request import first_setpoint, request_task
@@ -81,6 +78,7 @@ OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequ
 
 STOPPED = "stopped"
 STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
+SAMPLE_S = 0.0005  # of a period, for each sample of the check of a path
 LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
@@ -138,6 +136,8 @@ class Regulator:
         self._stops = bus.inbox(topics.FORCE_STOP)
         self._gain_requests = bus.inbox(topics.GAINS)
         self._paths = bus.inbox(topics.FORCE_PATH)
+        self._path_work = self._follow_paths()
+        self._path_parts = max(1, round(self.period_s / SAMPLE_S))  # of each step
         self.trigger = self._wrench
 
     def counters(self) -> dict[str, int]:
@@ -175,8 +175,9 @@ class Regulator:
         for change in self._gain_requests.take_all():
             reply = self._owned(change, self._change_gains, is_free=not change.request.changes)
             change.reply(reply.replaced(gains=self._gains))
-        for path in self._paths.take_all():
-            path.reply(self._owned(path, self._follow_path))
+        for _ in range(self._path_parts):
+            if not next(self._path_work):
+                break
 
     def _publish(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
         self._target.put(self._propose(wrench, robot), wrench.origin)
@@ -217,46 +218,7 @@ class Regulator:
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)
         self.fault = ""
-        return self._valid_target(session)
-
-    def _valid_target(self, session: ForceSession) -> RegulatorTarget:
-        request, motion, mode = session.request, session.motion, session.mode
-        T, pose, feedback = motion.T_base_tcp, None, None
-        T_base_flange = T * self._T_tcp_flange
-        if request.host == "pc":
-            pose = record_of(T_base_flange)
-        else:
-            R = session.task.R_base_task(T.rotation.tolist())
-            # A turn about the contact moves the TCP, also along a held axis.
-            lever_m = motion.lever_m if all(session.goal.yields) else None
-            feedback = Feedback(
-                mode=mode,
-                setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),
-                setpoint_torque_Nm=scaled(rotated(R, session.task.torque_Nm), -1.0),
-                lever_m=rotated_back(T_base_flange.rotation.tolist(), lever_m or ZERO3),
-                gains=held_gains(
-                    scaled_gains(session.sent or self._gains, session.sent_share), session.goal, R
-                ),
-            )
-        target = RegulatorTarget(
-            mode=mode,
-            host=request.host,
-            law=session.law,
-            setpoint_N=session.goal.press_N if request.task else request.setpoint_N,
-            pose=pose,
-            feedback=feedback,
-            contact=motion.contact,
-            error_force_N=motion.error_force_N or ZERO3,
-            error_torque_Nm=motion.error_torque_Nm or ZERO3,
-            frame=request.task.frame if request.task else None,
-            axes=session.axes,
-            wrench_stamp_ns=session.last_sample_ns,
-            round_trip_s=self._delay.tau_s + session.delay.excess_now_s,
-            modelled_round_trip_s=self._delay.tau_s,
-            gain_share=session.delay.share,
-        )
-        path = session.path
-        return target if path is None else target.replaced(**path.report(T))
+        return valid_target(session, self._gains, self._T_tcp_flange, self._delay.tau_s)
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
@@ -335,7 +297,7 @@ class Regulator:
         """
         if is_free:
             return execute(incoming.request)
-        asker = ForceOwner(incoming.request.commander, incoming.envelope.client)
+        asker = _asker(incoming)
         if (reply := refused_owner(self._session, asker)) is not None:
             return reply
         reply = execute(incoming.request)
@@ -428,18 +390,39 @@ class Regulator:
         k = None if self._contact is None else self._contact.at_pose(T_task)
         return LAWS[law].begin(T_command, T_measured, k, self._settings[law])
 
+    def _follow_paths(self) -> Iterator[bool]:
+        """Serve one path request after the other, in parts; yield whether one is in work."""
+        while True:
+            if (path := next(self._paths.take_all(), None)) is None:
+                yield False
+                continue
+            refused = refused_owner(self._session, _asker(path))
+            if refused is None:
+                for found in self._path_refusals(path.request):
+                    refused = found
+                    yield True
+            path.reply(refused or self._owned(path, self._follow_path))
+            yield True
+
+    def _path_refusals(self, request: PathRequest) -> Iterator[Reply | None]:
+        """Check whether the joints can follow a path, sample by sample."""
+        if (session := self._session) is None:
+            return iter(())
+        T_base_tcp = session.motion.T_base_tcp
+        ahead = session.path if request.append else None
+        return tool_path_refusals(
+            self._space, tool_poses(request, T_base_tcp), self._robot.read(self._now_ns).fresh,
+            T_base_tcp if ahead is None else ahead.end(T_base_tcp),
+            T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
+        )  # fmt: skip
+
     def _follow_path(self, request: PathRequest) -> Reply:
         session = self._session
         if session is None or session.failed is not None:
             return refusal("not_armed", "no force feedback is running: start it first")
         T_base_tcp = session.motion.T_base_tcp
-        poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
-        refused = refused_path(request, session, poses, self._cell) or tool_path_refusal(
-            self._space, poses, self._robot.read(self._now_ns).fresh,
-            T_base_tcp if ahead is None else ahead.end(T_base_tcp),
-            T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
-        )  # fmt: skip
-        if refused is not None:
+        poses = tool_poses(request, T_base_tcp)
+        if (refused := refused_path(request, session, poses, self._cell)) is not None:
             return refused
         session.path = next_path(
             session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
@@ -448,3 +431,7 @@ class Regulator:
         )  # fmt: skip
         what = f"{len(poses)} poses" if request.poses else f"{len(poses)} points"
         return Reply(accepted=True, text=f"the tool follows {what}")
+
+
+def _asker(incoming: Incoming[OwnedRequest]) -> ForceOwner:
+    return ForceOwner(incoming.request.commander, incoming.envelope.client)

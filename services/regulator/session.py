@@ -6,14 +6,16 @@ from typing import Any, NamedTuple
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.convert import pose_of
-from common.motion.frames import dot, product, rotated, scaled
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import dot, product, rotated, rotated_back, scaled
 from forcemesh.codec import Header
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
+    ZERO3,
     ArbiterStatus,
     Asker,
     AxisState,
+    Feedback,
     Gains,
     Mode,
     PoseRecord,
@@ -24,8 +26,8 @@ from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
-from services.regulator.delay_watch import DelayWatch, DelayWatchSettings
-from services.regulator.gains import PiGains
+from services.regulator.delay_watch import DelayWatch, DelayWatchSettings, scaled_gains
+from services.regulator.gains import PiGains, held_gains
 from services.regulator.guards import GuardState, kept_over_restart
 from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
@@ -204,6 +206,56 @@ def borne_share(
         delay.follow_link(robot.link.round_trip_s, dt_s)
     delay.ramp(dt_s, settings)
     return delay.share
+
+
+def valid_target(
+    session: ForceSession, gains: Gains, T_tcp_flange: pin.SE3, tau_s: float
+) -> RegulatorTarget:
+    """Return the proposal of a session after its last sample.
+
+    Args:
+        session: Without a failure.
+        gains: As requested.
+        T_tcp_flange: Pose of the flange in the TCP's frame.
+        tau_s: Round trip of the model.
+    """
+    request, motion, mode = session.request, session.motion, session.mode
+    T, pose, feedback = motion.T_base_tcp, None, None
+    T_base_flange = T * T_tcp_flange
+    if request.host == "pc":
+        pose = record_of(T_base_flange)
+    else:
+        R = session.task.R_base_task(T.rotation.tolist())
+        # A turn about the contact moves the TCP, also along a held axis.
+        lever_m = motion.lever_m if all(session.goal.yields) else None
+        feedback = Feedback(
+            mode=mode,
+            setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),
+            setpoint_torque_Nm=scaled(rotated(R, session.task.torque_Nm), -1.0),
+            lever_m=rotated_back(T_base_flange.rotation.tolist(), lever_m or ZERO3),
+            gains=held_gains(
+                scaled_gains(session.sent or gains, session.sent_share), session.goal, R
+            ),
+        )
+    target = RegulatorTarget(
+        mode=mode,
+        host=request.host,
+        law=session.law,
+        setpoint_N=session.goal.press_N if request.task else request.setpoint_N,
+        pose=pose,
+        feedback=feedback,
+        contact=motion.contact,
+        error_force_N=motion.error_force_N or ZERO3,
+        error_torque_Nm=motion.error_torque_Nm or ZERO3,
+        frame=request.task.frame if request.task else None,
+        axes=session.axes,
+        wrench_stamp_ns=session.last_sample_ns,
+        round_trip_s=tau_s + session.delay.excess_now_s,
+        modelled_round_trip_s=tau_s,
+        gain_share=session.delay.share,
+    )
+    path = session.path
+    return target if path is None else target.replaced(**path.report(T))
 
 
 def change_task(

@@ -1,19 +1,25 @@
 """A path of poses over a sphere: force, offset, feed, what is missed, and what is refused."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.bus.memory_bus import MemoryCall
 from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import apart
 from forcemesh import topics
+from forcemesh.codec import Envelope, decode_record, encode_record
 from forcemesh.errors import MessageError
 from forcemesh.force_task import parse_task
 from forcemesh.messages import PoseRecord
-from forcemesh.requests import ForceStartRequest, PathRequest
+from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
+from services.regulator import service
 from services.regulator.path_request import turn_limits
 from services.regulator.tcp_path import MOST_PATH_POINTS
 from tests.fakes.bench import CELL, DEMO
@@ -272,3 +278,56 @@ def test_a_path_turns_no_faster_than_the_arbiter_permits() -> None:
     fast = load_cell(DEMO, {"force.speed_max_rad_s": 2.0})
     assert turn_limits(fast).rad_s == pytest.approx(np.radians(fast.limits.speed_deg_s))
     assert turn_limits(CELL).rad_s == CELL.force.speed_max_rad_s
+
+
+SAMPLES = 40  # of the check of a path
+
+
+@pytest.fixture
+def checked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A check in which each sample is found good and noted: this arm has no joint angles."""
+    noted: list[int] = []
+
+    def samples(*_: Any, **__: Any) -> Iterator[None]:
+        for sample in range(SAMPLES):
+            noted.append(sample)
+            yield None
+
+    monkeypatch.setattr(service, "tool_path_refusals", samples)
+    return noted
+
+
+def waiting_path(bench: SphereBench) -> MemoryCall:
+    """Return a request for a path that waits for its reply."""
+    request = PathRequest(poses=bench.arc(0.5), speed_m_s=FEED_M_S)
+    call = MemoryCall(encode_record(request, Envelope(client=bench.client.client)))
+    bench.transport.serve(f"{CELL.cell}/{topics.FORCE_PATH.key}").waiting.append(call)
+    return call
+
+
+def test_a_path_is_checked_in_parts_that_are_short_beside_a_period(checked: list[int]) -> None:
+    """Some samples in each step; force control continues, and the reply comes at the end."""
+    bench = pressed("plain")
+    call, counts = waiting_path(bench), list[int]()
+    while call.reply is None:
+        bench.step()
+        assert bench.published().valid
+        counts.append(len(checked) - sum(counts))
+    assert decode_record(call.reply, Reply).accepted
+    assert sum(counts) == SAMPLES
+    assert max(counts) == round(PERIOD_S / service.SAMPLE_S)
+
+
+def test_a_path_whose_force_control_ends_during_the_check_is_refused(checked: list[int]) -> None:
+    """It is not kept for the next start."""
+    bench = pressed("plain")
+    call = waiting_path(bench)
+    bench.step()
+    assert 0 < len(checked) < SAMPLES
+    bench.ask(topics.FORCE_STOP, Empty())
+    bench.step(SAMPLES)
+    assert call.reply is not None
+    assert decode_record(call.reply, Reply).code == "not_armed"
+    assert bench.start(HELD).accepted
+    bench.step()
+    assert bench.published().path_left_m is None

@@ -5,7 +5,8 @@ python -m tools.hostile --endpoint tcp/... --cell NAME
 
 Sends `count` hostile requests and messages to a running cell, first while the arm is armed, then
 while it is held, and requests holds repeatedly. Exit code 1 if a process ended, if the arm
-moved without permission, if a late request was executed, or if a hold did not work.
+moved without permission, if a late request was executed, if a second client could change the force
+control of a first one, or if a hold did not work.
 """
 
 import argparse
@@ -40,6 +41,7 @@ PLAYED_BOOT = "another boot"  # of a recording that is played back (tools/playba
 
 LATE_SHARE = 0.1
 ALWAYS = {"request/hold", "request/force/stop"}  # executed at any age
+OWNED = ("request/force/start", "request/force/gains", "request/force/path")  # only by its owner
 ENDING = {"request/hold"}  # would end the armed state under attack
 POSE = {"position_m": (0.0, 0.5, 0.4), "orientation_xyzw": (1.0, 0.0, 0.0, 0.0)}
 ANGLES = (0.0, 0.02, 0.0, 0.0, 0.0, 0.0)
@@ -111,6 +113,7 @@ class HostileClient:
         self.newest: dict[str, dict[str, Any]] = {}
         self.received_s: dict[str, float] = {}
         self.fastest_m_s, self.late_executed = 0.0, 0
+        self.owned, self.taken_over = 0, 0  # force control of a client, and by another one
         self.replies: Counter[str] = Counter()
         self.record: Callable[[str, dict[str, Any]], None] | None = None  # of every message
         self._lock = threading.Lock()
@@ -199,6 +202,18 @@ class HostileClient:
         reply = self.ask(key, bytes(msgpack.packb({**REQUESTS[key], **sent})), 0.3)
         self.late_executed += bool(reply and reply["accepted"])
 
+    def two_clients(self) -> None:
+        """Start force control as one client; count what another one may change."""
+        start = {**REQUESTS["request/force/start"], "client": "first"}
+        reply = self.ask("request/force/start", bytes(msgpack.packb(start)), HOLD_S)
+        if reply and reply["accepted"]:
+            self.owned += 1
+            for key in OWNED:
+                other = bytes(msgpack.packb({**REQUESTS[key], "client": "second"}))
+                reply = self.ask(key, other, HOLD_S)
+                self.taken_over += not reply or reply["code"] != "busy"
+        self.ask("request/force/stop", b"\x80", HOLD_S)
+
     def _message(self, *, forge: bool) -> None:
         """Publish on a topic of another publisher; unless forged, no reader can accept it."""
         key = self.rng.choice(sorted(self.newest))
@@ -255,6 +270,7 @@ def while_armed(outsider: HostileClient, count: int) -> tuple[list[bool], int]:
         if number % ROUND == 0:
             time.sleep(1.5)  # until the inputs have been valid for a second
             armed += outsider.armed()
+            outsider.two_clients()
         outsider.attack(forge=False)
         if number % ROUND == ROUND - 1:
             holds.append(outsider.hold_works())
@@ -294,6 +310,8 @@ def attack_cell(outsider: HostileClient, count: int) -> dict[str, Any]:
         "times_armed": armed,
         "fastest_m_s": outsider.fastest_m_s,
         "late_executed": outsider.late_executed,
+        "force_owned": outsider.owned,
+        "force_taken_over": outsider.taken_over,
         "holds": len(holds),
         "holds_that_worked": sum(holds),
         "replies": dict(outsider.replies),
@@ -308,6 +326,8 @@ def is_unaffected(found: dict[str, Any]) -> bool:
         and found["moved_while_held_rad"] < MOVED_RAD
         and found["fastest_m_s"] < SPEED_M_S
         and found["late_executed"] == 0
+        and found["force_owned"] > 0
+        and found["force_taken_over"] == 0
         and found["holds_that_worked"] == found["holds"]
     )
 

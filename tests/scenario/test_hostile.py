@@ -33,6 +33,8 @@ def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_f
     assert found["moved_while_held_rad"] < 1e-3
     assert found["holds_that_worked"] == found["holds"] > count // 100
     assert found["late_executed"] == 0
+    assert found["force_owned"] > 0
+    assert found["force_taken_over"] == 0
     assert found["replies"]["late"] > 0
     assert found["times_armed"] > 0
     assert found["replies"]["malformed"] > count // 10

@@ -78,7 +78,7 @@ OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequ
 
 STOPPED = "stopped"
 STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
-SAMPLE_S = 0.0005  # of a period, for each sample of the check of a path
+CHECKED_S = 0.0005  # of a period, for each sample of the check of a path
 LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
@@ -137,7 +137,7 @@ class Regulator:
         self._gain_requests = bus.inbox(topics.GAINS)
         self._paths = bus.inbox(topics.FORCE_PATH)
         self._path_work = self._follow_paths()
-        self._path_parts = max(1, round(self.period_s / SAMPLE_S))  # of each step
+        self._path_parts = max(1, round(self.period_s / CHECKED_S))  # of each step
         self.trigger = self._wrench
 
     def counters(self) -> dict[str, int]:

@@ -315,7 +315,7 @@ def test_a_path_is_checked_in_parts_that_are_short_beside_a_period(checked: list
         counts.append(len(checked) - sum(counts))
     assert decode_record(call.reply, Reply).accepted
     assert sum(counts) == SAMPLES
-    assert max(counts) == round(PERIOD_S / service.SAMPLE_S)
+    assert max(counts) == round(PERIOD_S / service.CHECKED_S)
 
 
 def test_a_path_whose_force_control_ends_during_the_check_is_refused(checked: list[int]) -> None:

@@ -70,7 +70,7 @@ class OnPath:
     def begin(self, poses: Sequence[pin.SE3], speed_m_s: float) -> None:
         """Begin a path that leads to its first pose and on."""
         T_start = path_start(self._motion.T_base_tcp, poses[0], self._task)
-        curve = replace(self.path.curve, T_end=T_start, feed_m_s=speed_m_s)
+        curve = replace(self.path.curve, T_joined=T_start, feed_m_s=speed_m_s)
         self.path = replace(self.path, curve=curve.extended(poses, 0.0))
 
     def step(self, law_sample: LawSample) -> pin.SE3:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import apart
+from forcemesh.messages import ZERO3
 from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 
 DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
@@ -166,3 +167,24 @@ def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend
         whole = whole.advanced(DT_S, share=1.0, most_m=MOST_M)
         assert len(lazy.waiting) <= max(len(poses) - 1 - count, 0)
         assert apart(lazy.T_reference, whole.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@settings(max_examples=40)
+@given(routes, blends, st.floats(0.01, 0.99))
+def test_the_tangent_is_the_direction_of_travel(route, blend_m, share) -> None:
+    """In the middle of each piece and at its ends, in a blend as well."""
+    for piece in joined(start(), [pose_at(place) for place in route], blend_m).pieces:
+        s_m = share * piece.length_m
+        near = [piece.at(s_m + 1e-7 * side * piece.length_m).translation for side in (-1, 1)]
+        step_m = near[1] - near[0]
+        expected = step_m / np.linalg.norm(step_m) if piece.ends[0] != ZERO3 else np.zeros(3)
+        assert piece.tangent(s_m) == pytest.approx(expected, abs=0.05)
+        for s_m, end in zip((0.0, piece.length_m), piece.ends, strict=True):
+            assert piece.tangent(s_m) == pytest.approx(end, abs=1e-6)
+
+
+def test_a_blend_turns_its_tangent_by_half_in_the_middle() -> None:
+    """Of a right angle."""
+    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
+    _, blend, _ = joined(start(), corner, 0.005).pieces
+    assert blend.tangent(0.5 * blend.length_m) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])

@@ -78,6 +78,7 @@ OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequ
 
 STOPPED = "stopped"
 STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
+NOT_RUNNING = refusal("not_armed", "no force feedback is running: start it first")
 CHECKED_S = 0.0005  # of a period, for each sample of the check of a path
 LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
@@ -397,29 +398,30 @@ class Regulator:
                 yield False
                 continue
             refused = refused_owner(self._session, _asker(path))
-            if refused is None:
-                for found in self._path_refusals(path.request):
-                    refused = found
-                    yield True
+            for found in self._path_refusals(path.request) if refused is None else ():
+                if (refused := found) is not None:
+                    break
+                yield True
             path.reply(refused or self._owned(path, self._follow_path))
             yield True
 
     def _path_refusals(self, request: PathRequest) -> Iterator[Reply | None]:
-        """Check whether the joints can follow a path, sample by sample."""
-        if (session := self._session) is None:
-            return iter(())
+        """Check a path: the request as a whole, then sample by sample whether the joints follow."""
+        if (session := self._session) is None or session.failed is not None:
+            yield NOT_RUNNING
+            return
         T_base_tcp = session.motion.T_base_tcp
-        ahead = session.path if request.append else None
-        return tool_path_refusals(
-            self._space, tool_poses(request, T_base_tcp), self._robot.read(self._now_ns).fresh,
+        poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
+        yield refused_path(request, session, poses, self._cell)
+        yield from tool_path_refusals(
+            self._space, poses, self._robot.read(self._now_ns).fresh,
             T_base_tcp if ahead is None else ahead.end(T_base_tcp),
             T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
         )  # fmt: skip
 
     def _follow_path(self, request: PathRequest) -> Reply:
-        session = self._session
-        if session is None or session.failed is not None:
-            return refusal("not_armed", "no force feedback is running: start it first")
+        if (session := self._session) is None or session.failed is not None:
+            return NOT_RUNNING
         T_base_tcp = session.motion.T_base_tcp
         poses = tool_poses(request, T_base_tcp)
         if (refused := refused_path(request, session, poses, self._cell)) is not None:

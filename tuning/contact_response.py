@@ -14,7 +14,7 @@ STEP_S = 0.002  # grid of the candidate delays
 LONGEST_RESPONSE_S = 0.3
 MOST_RESIDUAL_SHARE = 0.2  # largest residual, as a share of the set point step
 LEAST_RESPONSES, MOST_RESPONSES = 2, 5
-RESPONSE_REPEATS_S = 0.005  # largest difference of two delays that count as repeated
+RESPONSE_REPEATS_S = 0.005
 MOST_CORRELATION = 0.99
 SIGMAS = 2.0
 
@@ -66,12 +66,20 @@ def loop_delay(
     return ContactResponse(float(taus[best]), _deviation_s(residual_N, best))
 
 
-def delay_repeats(responses: Sequence[ContactResponse]) -> bool:
-    """Return whether the last two delays agree within RESPONSE_REPEATS_S."""
+def repeats_within_s(segment_s: float) -> float:
+    """Return the largest difference of two delays that count as repeated [s].
+
+    A set point waits for the end of the segment in work, for none or for a whole one.
+    """
+    return RESPONSE_REPEATS_S + segment_s
+
+
+def delay_repeats(responses: Sequence[ContactResponse], within_s: float) -> bool:
+    """Return whether the last two delays agree."""
     if len(responses) < LEAST_RESPONSES:
         return False
     before, last = responses[-2:]
-    return abs(last.tau_s - before.tau_s) <= RESPONSE_REPEATS_S
+    return abs(last.tau_s - before.tau_s) <= within_s
 
 
 def mean_response(responses: Sequence[ContactResponse]) -> ContactResponse:

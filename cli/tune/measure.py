@@ -163,14 +163,15 @@ class TuningMeasurement:
         Raises:
             DataError: The force did not follow, or its delay did not repeat.
         """
-        responses = self.readings.responses
+        responses, gateway = self.readings.responses, self._cell.config.gateway
+        within_s = contact_response.repeats_within_s(gateway.least_segment_s if gateway else 0.0)
         levels_N = (SHARES[0] * self._trial.force_N, self._trial.force_N)
-        while not contact_response.delay_repeats(responses):
+        while not contact_response.delay_repeats(responses, within_s):
             if len(responses) == contact_response.MOST_RESPONSES:
                 delays_ms = ", ".join(f"{1e3 * each.tau_s:.0f}" for each in responses)
                 raise DataError(
                     f"the delay of the controller's force loop was {delays_ms} ms, never twice "
-                    f"within {1e3 * contact_response.RESPONSE_REPEATS_S:g} ms: "
+                    f"within {1e3 * within_s:g} ms: "
                     "`--no-controller` skips it"
                 )
             first_N, then_N = levels_N if len(responses) % 2 == 0 else levels_N[::-1]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
 from tuning import contact_response, servo
-from tuning.contact_response import ContactResponse, loop_delay
+from tuning.contact_response import ContactResponse, delay_repeats, loop_delay
 from tuning.contact_spring import fit_spring
 from tuning.identify import STAGES, Fit, Steps, identify_servo
 from tuning.servo import servo_of, sums
@@ -123,12 +123,12 @@ def test_rounds_repeat_when_two_consecutive_ones_agree_within_a_millisecond() ->
     axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
     assert axes.bound_s >= 0.026  # the slower axis counts
     responses = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
-    assert [contact_response.delay_repeats(responses[:n]) for n in range(4)] == [
-        False,
-        False,
-        False,
-        True,
-    ]
+    for segment_s, repeated in (
+        (0.0, [False, False, False, True]),
+        (0.01, [False, False, True, True]),
+    ):
+        within_s = contact_response.repeats_within_s(segment_s)
+        assert [delay_repeats(responses[:n], within_s) for n in range(4)] == repeated
     both = contact_response.mean_response(responses[1:])
     assert both.tau_s == pytest.approx(0.0615)
     assert both.bound_s >= 0.063

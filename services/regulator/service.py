@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from math import hypot
 from typing import Any, TypeVar
 
@@ -408,16 +409,15 @@ class Regulator:
     def _path_refusals(self, request: PathRequest) -> Iterator[Reply | None]:
         """Check a path: the request as a whole, then sample by sample whether the joints follow."""
         if (session := self._session) is None or session.failed is not None:
-            yield NOT_RUNNING
-            return
+            return iter((NOT_RUNNING,))
         T_base_tcp = session.motion.T_base_tcp
         poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
-        yield refused_path(request, session, poses, self._cell)
-        yield from tool_path_refusals(
+        joints = tool_path_refusals(
             self._space, poses, self._robot.read(self._now_ns).fresh,
             T_base_tcp if ahead is None else ahead.end(T_base_tcp),
             T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
         )  # fmt: skip
+        return chain((refused_path(request, session, poses, self._cell),), joints)
 
     def _follow_path(self, request: PathRequest) -> Reply:
         if (session := self._session) is None or session.failed is not None:

@@ -318,16 +318,26 @@ def test_a_path_is_checked_in_parts_that_are_short_beside_a_period(checked: list
     assert max(counts) == round(PERIOD_S / service.CHECKED_S)
 
 
-def test_a_path_whose_force_control_ends_during_the_check_is_refused(checked: list[int]) -> None:
+@pytest.mark.parametrize(
+    ("key", "request_", "code"),
+    [
+        (topics.FORCE_STOP, Empty(), "not_armed"),
+        (topics.FORCE_START, HELD.replaced(mode="both", axes=(True,) * 6), "axes"),
+    ],
+)
+def test_a_path_whose_force_control_ends_or_changes_during_the_check_is_refused(
+    checked: list[int], key: Any, request_: Any, code: str
+) -> None:
     """It is not kept for the next start."""
     bench = pressed("plain")
     call = waiting_path(bench)
     bench.step()
     assert 0 < len(checked) < SAMPLES
-    bench.ask(topics.FORCE_STOP, Empty())
+    assert bench.ask(key, request_).accepted
     bench.step(SAMPLES)
     assert call.reply is not None
-    assert decode_record(call.reply, Reply).code == "not_armed"
+    assert decode_record(call.reply, Reply).code == code
+    bench.ask(topics.FORCE_STOP, Empty())
     assert bench.start(HELD).accepted
     bench.step()
     assert bench.published().path_left_m is None

@@ -79,12 +79,11 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write what is generated from the code: docs/bus.md and other pages, secrets of docker-compose.yml
+readme: setup ## write what is generated from the code: docs/bus.md and other pages, secrets of docker-compose.yml; out/docs/cli.md, all commands
 	@$(BIN)/python -m tools.bus_page
 	@$(BIN)/python -m tools.compose_secrets
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
-	@$(BIN)/python -m tools.schema_page
 	@$(BIN)/python -m tools.cli_page
 	@$(BIN)/python -m tools.packet_page
 

@@ -2,7 +2,7 @@
 
 Nine numbers of six characters, 63 characters with a space after each or 54 without, IDs from 1,
 commands 1 to 7, reports 101 and 102 with Param 0, no hello. `controller/plain.as` is its other end.
-NOT_PROTECTED is the protection that it gives up; decision 030 has the reasons for our own packet.
+NOT_PROTECTED is the protection that it gives up; docs/decisions.md has the reasons for our packet.
 """
 
 import re

@@ -1,7 +1,7 @@
 """JSON Schema of every message of the bus, generated from the models.
 
-The hub returns it to a plain Zenoh query on `<cell>/describe`, docs/schema.json holds it, and
-`forcemesh topics --schema` prints it. A client in another language needs nothing else.
+The hub returns it to a plain Zenoh query on `<cell>/describe`, and `forcemesh topics --schema`
+prints it without a cell. A client in another language needs nothing else.
 """
 
 import json

@@ -65,7 +65,7 @@ class ChildProcess:
     """Child process in a process group of its own, so that Ctrl-C reaches its supervisor only.
 
     It stays in its supervisor's session: Linux divides the processor between sessions, and a
-    process alone in one was seen to wait for 0.1 s (docs/decisions/029).
+    process alone in one was seen to wait for 0.1 s (docs/decisions.md).
     """
 
     def __init__(self, process: ProcessSpec, cell_file: Path, write_line: WriteLine) -> None:

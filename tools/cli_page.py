@@ -1,4 +1,4 @@
-"""Generator of docs/cli.md from the command line itself: `python -m tools.cli_page`."""
+"""Page of all commands, out/docs/cli.md, from the command line: `python -m tools.cli_page`."""
 
 from collections.abc import Iterator
 from enum import Enum
@@ -10,7 +10,7 @@ import typer.main
 from cli.__main__ import app
 from cli.context import EXITS
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
+PAGE = Path(__file__).resolve().parent.parent / "out" / "docs" / "cli.md"
 HEAD = """# Command line
 
 This page lists all commands of `forcemesh`, as `forcemesh --help` and `forcemesh VERB --help` do;
@@ -100,4 +100,5 @@ def _kind(parameter: Any) -> str:
 
 
 if __name__ == "__main__":
+    PAGE.parent.mkdir(parents=True, exist_ok=True)
     PAGE.write_text(page(), encoding="utf-8")

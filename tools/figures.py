@@ -67,7 +67,7 @@ def replace_block(page: Path, name: str, text: str, command: str) -> None:
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """Return README and the pages of docs, without the decisions, which are historical."""
+    """Return README and the pages of docs."""
     return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
 
 

@@ -21,7 +21,7 @@ from forcemesh.errors import ConfigError
 PRIORITY = 20  # above ordinary processes, below kernel threads and sound servers
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <sys/mman.h>
 CAP_IPC_LOCK = 14  # <linux/capability.h>
-SLICE_NS = 500_000  # about a step; by measurement (docs/decisions/029)
+SLICE_NS = 500_000  # about a step; by measurement (docs/decisions.md)
 SCHED_SETATTR = {
     "x86_64": 314,
     "aarch64": 274,

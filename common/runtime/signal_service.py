@@ -2,7 +2,7 @@
 
 The gateway and the simulated robot use it alike. It judges a request by the cell file, by the hold
 of its own process and by what the robot reports; the arbiter has no part in it, because an output
-needs no permission to move (docs/decisions/034-digital-signals.md).
+needs no permission to move (docs/decisions.md).
 """
 
 from collections.abc import Callable, Mapping

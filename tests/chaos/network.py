@@ -24,7 +24,7 @@ from tests.chaos.common_net import ROOT, make_cell, table
 from tests.chaos.network_faults import FAULTS, NetworkFault
 from tests.chaos.network_judge import TrialBounds
 from tests.chaos.network_lab import CANNOT_RUN, Cable, Lab, enter_own_namespace, why_not
-from tests.chaos.network_play import CABLE, HEAD, Row, bounds_of, is_selected, played
+from tests.chaos.network_play import CABLE, HEAD, Row, bounds_of, grid, is_selected, played
 from tests.chaos.network_proxy import through_proxy
 from tests.chaos.network_trials import NetworkTrial
 from tools.figures import replace_block
@@ -94,15 +94,16 @@ def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
         yield from played(template, cell, path, processes=processes, trials=trials, seed=seed)
 
 
-def report(rows: list[Row], seed: int, took_s: float) -> str:
-    """Return the table and a one-line summary."""
+def summary(rows: list[Row], seed: int, took_s: float) -> str:
+    """Return a one-line summary."""
     wrong = sum(bool(row.verdict.mistakes) for row in rows)
     held = sum(row.verdict.outcome == "held" for row in rows)
-    line = (
+    fastest_mm_s = 1e3 * max((row.verdict.fastest_m_s for row in rows), default=0.0)
+    return (
         f"{len(rows)} trials, {held} held, {len(rows) - held} went on, {wrong} out of bounds; "
-        f"seed {seed}, {took_s:.0f} s"
+        f"commands executed after the fault was removed: {sum(r.verdict.stale for r in rows)}; "
+        f"fastest flange {fastest_mm_s:.0f} mm/s; seed {seed}, {took_s:.0f} s"
     )
-    return table("Faults on cables", HEAD, [row.cells() for row in rows]) + "\n" + line
 
 
 def main() -> int:
@@ -125,12 +126,12 @@ def main() -> int:
     except ForcemeshError as error:
         print(f"the harness failed: {error}", file=sys.stderr)
         return 1
-    text = report(rows, arguments.seed, time.monotonic() - began_s)
-    print("\n" + text)
-    if arguments.write:
-        replace_block(
-            PAGE, "chaos-network", f"Measured on {os.cpu_count()} cores.\n\n{text}", COMMAND
-        )
+    line = summary(rows, arguments.seed, time.monotonic() - began_s)
+    title = f"Faults on cables, {os.cpu_count()} cores"
+    print("\n" + table(title, HEAD, [row.cells() for row in rows]) + "\n" + line)
+    if arguments.write and rows:
+        text = table(title, *grid(row.result() for row in rows))
+        replace_block(PAGE, "chaos-network", f"{text}\n{line}", COMMAND)
     return 0 if rows and not any(row.verdict.mistakes for row in rows) else 1
 
 

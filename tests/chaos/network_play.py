@@ -2,7 +2,7 @@
 
 import os
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ class Row:
     repeated: int
 
     def cells(self) -> tuple[object, ...]:
-        """Return the cells of the row."""
+        """Return the cells of the row, for the console."""
         verdict, trial = self.verdict, self.trial
         return (
             self.cell, trial.wire, trial.fault, self.observed.bites, verdict.outcome,
@@ -45,6 +45,21 @@ class Row:
             f"{verdict.fastest_m_s * 1e3:.0f}", verdict.stale,
             self.observed.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
         )  # fmt: skip
+
+    def result(self) -> tuple[str, str, str]:
+        """Return cable, fault, and `last command/still` [ms] with the violated bounds."""
+        verdict, trial = self.verdict, self.trial
+        held = f"{_ms(verdict.last_command_ms)}/{_ms(verdict.still_ms)}"
+        words = (held if verdict.outcome == "held" else "on", *verdict.mistakes)
+        return f"{self.cell} {trial.wire}", trial.fault, "; ".join(words)
+
+
+def grid(results: Iterable[tuple[str, str, str]]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table: one row per fault, one column per cable."""
+    found = {(fault, cable): text for cable, fault, text in results}
+    faults, cables = (list(dict.fromkeys(names)) for names in zip(*found, strict=True))
+    rows = [[fault, *(found.get((fault, cable), "") for cable in cables)] for fault in faults]
+    return ["fault", *cables], rows
 
 
 def _ms(value: float | None) -> str:

@@ -4,7 +4,7 @@ from datetime import datetime
 
 from tests.chaos.outcome import LAST_ACCEPTED_S, violations
 from tests.chaos.run import Report
-from tests.chaos.table import rows
+from tests.chaos.table import by_service
 
 PAGE = "docs/chaos.md"
 TITLES = {
@@ -31,13 +31,14 @@ def page(report: Report, each: int, when: datetime) -> str:
         f"of these cells), {broken} violated a bound. {len(report.spoilt)} more were not valid and",
         "were repeated: the arm was too slow, or the machine itself stalled.",
         "",
-        "Numbers are the worst of each row. Last motion accepted: from the fault to the last",
-        f"motion command that the robot's process executed, bound {bound_ms:.0f} ms. At rest:",
-        "until the true flange is slower than 1 mm/s, counted from the thaw if the arm was frozen.",
+        "For each kind the worst of two times in ms: from the fault to the last motion command",
+        f"that the robot's process executed, bound {bound_ms:.0f} ms, and until the true flange is",
+        "slower than 1 mm/s, counted from the thaw if the arm was frozen. `ended`: the process",
+        "that executes commands, or the arm, ended with the fault.",
     ]
     for name, limits in report.limits.items():
         chosen = [outcome for outcome in outcomes if outcome.case.cell == name]
         title = f"## {TITLES[name]}"
         bound = f"Bound for rest: {limits.still_s * 1e3:.0f} ms."
-        lines += ["", title, "", bound, "", *rows(chosen, limits)]
+        lines += ["", title, "", bound, "", *by_service(chosen, limits)]
     return "\n".join(lines) + "\n"

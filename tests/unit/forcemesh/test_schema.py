@@ -23,7 +23,6 @@ from forcemesh.topics import REQUESTS, TOPICS, Request, Topic
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL
 from tests.fakes.records import full
-from tools.schema_page import PAGE, page
 
 ROOT = Path(__file__).resolve().parents[3]
 HEADER = Header(seq=1, epoch=2, boot="b", stamp_ns=3, topic="t")
@@ -70,11 +69,6 @@ def test_every_reply_fits_its_schema() -> None:
     """Accepted, and refused with numbers."""
     for reply in (Reply(accepted=True), Reply(accepted=False, code="x", value=1.0, limit=2.0)):
         assert mistakes(describe()["reply"], encode_record(reply)) == []
-
-
-def test_the_file_in_the_documentation_is_that_of_the_code() -> None:
-    """Made by `make readme`, never by hand."""
-    assert PAGE.read_text(encoding="utf-8") == page(), "make readme"
 
 
 def test_a_client_gets_the_schema_from_the_hub() -> None:

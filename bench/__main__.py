@@ -1,4 +1,4 @@
-"""Measure what the documentation states: `make bench`, or one part: `python -m bench emulator`."""
+"""Measure what the documentation states: `make bench`, or one part: `python -m bench faults`."""
 
 import argparse
 from collections.abc import Callable
@@ -8,35 +8,22 @@ from rich.table import Table
 
 from bench import (
     demos,
-    emulator,
     faults,
     installations,
-    panel,
-    physics,
     recorder,
     sensor_faults,
     settling,
     stalls,
-    steps,
-    subscriptions,
 )
 
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
-    "emulator": emulator.table,
-    "pace": emulator.pace_table,
     "faults": faults.table,
     "sensor-faults": sensor_faults.table,
-    "physics": physics.table,
     "installations": installations.table,
-    "panel": panel.table,
     "recorder": recorder.table,
-    "subscriptions": subscriptions.table,
     "stalls": stalls.table,
     "demos": demos.table,
-    "steps": steps.table,
-    "instructions": steps.instructions_table,
-    "virtual": steps.virtual_table,
 }
 WRITERS: dict[str, Callable[[], None]] = {
     "settling": settling.write,
@@ -46,12 +33,9 @@ WRITERS: dict[str, Callable[[], None]] = {
 ON_REQUEST = {
     "demos",
     "installations",
-    "instructions",
-    "panel",
     "recorder",
     "stalls",
-    "subscriptions",
-}  # long, or with a browser
+}  # long
 
 
 def main() -> None:

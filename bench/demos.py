@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -19,10 +20,13 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench import scale
+from bench.chain.cell import PRESSING, press, why_held
 from bench.chain.load import busy_loops
 from bench.tables import as_markdown, on_screen
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import Health
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
 from tools.figures import replace_block
@@ -33,6 +37,11 @@ RUNS = 20  # of each case
 BUSY_LOOPS, BUILDS = 4, 2
 WITHIN_S = 180.0  # of one demo: a hold or its own timeouts end it before
 READY_S = 60.0
+LONG_S = 600.0
+OBSERVE_S = 0.25  # a fourth of the time for which a late step stays in the health
+RATES = {"rates.sensor_hz": 500, "rates.control_hz": 250, "rates.robot_hz": 250}
+# The simulated robot's process is the sensor as well.
+OF_PROCESSES = tuple(role for role in topics.ROLES if role != "sensor")
 ROOTS_OWN = ("setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice")
 A_USERS = ("prlimit", "--rtprio=0")
 
@@ -86,6 +95,21 @@ class DemoResults:
         self.settled += 1
         self.overshoot_pct.append(found["overshoot_pct"])
         self.settling_s.append(found["settling_s"])
+
+
+@dataclass(slots=True)
+class LongPress:
+    """What a long press has shown."""
+
+    longest_gap_s: float = 0.0  # between two steps of any loop but the hub's
+    late: str = ""  # the first loop that was late, or why the arm held
+
+    def note(self, role: str, health: Health) -> None:
+        """Note the longest gap of a loop, and the first overrun."""
+        if role != "hub":
+            self.longest_gap_s = max(self.longest_gap_s, health.longest_gap_s)
+        if health.overruns and not self.late:
+            self.late = f"{role} was late: {health.late_cause}"
 
 
 @contextmanager
@@ -167,13 +191,31 @@ def rows(runs: int = RUNS) -> list[list[str]]:
 def pressed_throughout() -> str:
     """Press for ten minutes during everything else at once; return what happened in a sentence."""
     case = next(each for each in CASES if each.loops and each.builds and each.cell)
-    with other_work(case):
-        found = scale.run(scale.ScaleCase(1, duration_s=scale.LONG_S))
+    changes = {"cell": "bench-demos", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **RATES}
+    cell, found = load_cell(DEMO, changes), LongPress()
+    with other_work(case), Supervisor(cell) as supervisor:
+        supervisor.wait_ready(WITHIN_S)
+        with ConfiguredCell(cell, commander="operator") as client:
+            client.wait_ready(WITHIN_S)
+            press(client, "adaptive")
+            _observe(client, found)
     return (
-        f"Pressing for {scale.LONG_S / 60.0:g} minutes during {case}: "
+        f"Pressing for {LONG_S / 60.0:g} minutes during {case}: "
         f"{found.late or 'no hold and no late loop'}; "
         f"longest gap between two steps {1e3 * found.longest_gap_s:.0f} ms."
     )
+
+
+def _observe(client: ConfiguredCell, found: LongPress) -> None:
+    """Note late loops until the end of the press, or until the arm holds."""
+    end_s = time.monotonic() + LONG_S
+    while time.monotonic() < end_s:
+        time.sleep(OBSERVE_S)
+        for role in OF_PROCESSES:
+            found.note(role, client.feed(topics.HEALTH[role])())
+        if held := why_held(client, (PRESSING,)):
+            found.late = f"the arm held: {held}"
+            return
 
 
 def table() -> Table:

@@ -16,6 +16,7 @@ from rich.markdown import Markdown
 
 from bench.chain.compare import Case, Comparison, compare
 from bench.chain.page import COMMAND, page
+from bench.chain.steps import steps_table
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from tools.figures import as_block_page
 
@@ -50,11 +51,11 @@ def main() -> None:
     if options.json:
         print(json.dumps([each.numbers() for each in found], indent=1))
     else:
-        Console(width=120).print(Markdown(page(found)))
+        Console(width=120).print(Markdown(page(found, steps_table())))
     if options.write:
         from bench.chain.picture import draw  # noqa: PLC0415 - matplotlib takes a second
 
-        text = as_block_page("chain", page(found), COMMAND)
+        text = as_block_page("chain", page(found, steps_table()), COMMAND)
         (DOCS / "chain.md").write_text(text, encoding="utf-8")
         draw(found[0], DOCS / "pictures" / "chain.png")
     if options.check and (excess := found[0].excess()):

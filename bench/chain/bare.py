@@ -4,12 +4,13 @@
 `tcp` go from each process to the next directly.
 """
 
+import json
 import multiprocessing
 import socket
 import struct
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from multiprocessing.connection import Connection
 from typing import Literal
 
@@ -17,11 +18,12 @@ import numpy as np
 import zenoh
 import zmq
 
-from bench.bare_bus import be_the_hub, opened_session, started
 from bench.chain.load import Load, measured
+from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.runtime.realtime import prepare_realtime
+from forcemesh.zenoh_settings import client_settings
 from tests.chaos.common_net import free_port
 
 Kind = Literal["zenoh", "pyzmq", "tcp"]
@@ -110,6 +112,44 @@ def _emit(send: Send, rate_hz: float, length_s: float) -> None:
     for _ in range(ENDS):
         send(END)
         time.sleep(END_PAUSE_S)
+
+
+# --- processes and sessions of Zenoh --------------------------------------------------------------
+
+
+@contextmanager
+def started(target: Callable[..., None], *arguments: object) -> Iterator[int]:
+    """Run a function in a process of its own during the block; yield its pid."""
+    process = multiprocessing.get_context("spawn").Process(
+        target=target, args=arguments, daemon=True
+    )
+    process.start()
+    try:
+        yield process.pid or 0
+    finally:
+        process.terminate()
+        process.join()
+
+
+def be_the_hub(cell: CellConfig, realtime: bool) -> None:  # noqa: FBT001 - positional in `started`
+    """Be a router with the settings of a cell's hub, until the process is terminated."""
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(hub_settings(cell, cell.bus.endpoint)))):
+        if realtime:
+            prepare_realtime()
+        time.sleep(3600.0)
+
+
+def opened_session(cell: CellConfig) -> zenoh.Session:
+    """Return a session on the hub of a cell; wait for the hub."""
+    settings = client_settings(cell.bus.endpoint, "monitor", {})
+    give_up_s = time.monotonic() + CONNECT_S
+    while True:
+        try:
+            return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+        except zenoh.ZError:
+            if time.monotonic() > give_up_s:
+                raise
+            time.sleep(0.1)
 
 
 # --- links ----------------------------------------------------------------------------------------

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.chain import bare, cell
-from bench.chain.load import Load, busy_loops
-from bench.physics import engine_us
+from bench.chain.load import Load, busy_loops, engine_us
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import Array

@@ -16,8 +16,14 @@ CHAINS: dict[bare.Kind, str] = {
 }
 
 
-def page(found: list[Comparison]) -> str:
-    """Return the page as Markdown."""
+STEPS = (
+    "A cell that presses on the virtual clock, all services in one process; the simulated robot "
+    "without MuJoCo's steps. A loop is a thousand turns of plain arithmetic, timed after each step."
+)
+
+
+def page(found: list[Comparison], steps: str) -> str:
+    """Return the page as Markdown; `steps` is the table of the times of a step."""
     usual, *varied = found
     parts = [
         "# From the sensor to the robot, compared with processes that only forward messages",
@@ -30,6 +36,9 @@ def page(found: list[Comparison]) -> str:
         "## Processes of the cell",
         _processes(usual),
         _dropped(usual),
+        "## Processor time of a step",
+        STEPS,
+        steps,
     ]
     if varied:
         parts += ["## Other rates, other work on the machine, no SCHED_FIFO", _cases(found)]

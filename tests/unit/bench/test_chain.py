@@ -62,7 +62,9 @@ def test_a_case_in_which_the_arm_held_is_a_row_with_the_reason() -> None:
     pressed = CellRun(load=load, ages_us=ages)
     usual = Comparison(Case(), [pressed], [], bares, engine_pct=5.0)
     held = Comparison(Case(busy_loops=4), [], ["robot silent"], bares, engine_pct=5.0)
-    rows = [line for line in page([usual, held]).splitlines() if line.startswith("| sensor 500")]
+    rows = [
+        line for line in page([usual, held], "").splitlines() if line.startswith("| sensor 500")
+    ]
     assert [line.split("|")[2].strip() for line in rows] == ["15", "held: robot silent"]
     assert len({line.count("|") for line in rows}) == 1
     assert held.numbers() == {"case": usual.numbers()["case"] | {"busy_loops": 4},

@@ -9,7 +9,17 @@ import threading
 import pytest
 
 from bench import demos
-from bench.demos import A_USERS, CASES, ROOTS_OWN, DemoCase, DemoResults, other_work, play
+from bench.demos import (
+    A_USERS,
+    CASES,
+    ROOTS_OWN,
+    DemoCase,
+    DemoResults,
+    LongPress,
+    other_work,
+    play,
+)
+from forcemesh.messages import Health
 
 GOOD = {"settled": True, "overshoot_pct": 2.5, "settling_s": 0.12}
 ASKS_FOR_PRIORITY = """
@@ -91,3 +101,20 @@ def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPa
     count = len(started)
     assert not any("build" in thread.name for thread in threading.enumerate())
     assert len(started) == count
+
+
+def test_a_long_press_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
+    """Every report of health is noted; a gap of the hub's loop is none of the chain."""
+    found = LongPress()
+    found.note("hub", health(longest_gap_s=0.05))
+    found.note("robot", health(longest_gap_s=0.004))
+    assert (found.longest_gap_s, found.late) == (0.004, "")
+    found.note("arbiter", health(longest_gap_s=0.09, overruns=1, late_cause="other processes ran"))
+    found.note("wrench", health(longest_gap_s=0.03, overruns=2, late_cause="something else"))
+    assert (found.longest_gap_s, found.late) == (0.09, "arbiter was late: other processes ran")
+
+
+def health(**values: float | str) -> Health:
+    """Return the health of a process."""
+    defaults = {"pid": 1, "rate_hz": 250.0, "lateness_p99_s": 0.0, "version": "1"}
+    return Health.from_dict({**defaults, "config_hash": "x", **values})

@@ -20,12 +20,16 @@ from bench.pages import as_markdown, differing
 from bench.results import ROOT, as_json, measured_now, write
 
 BENCHES = {  # name: module with its `measure`
+    "faults": "bench.faults",
     "force": "bench.force.tables",
     "force-axes": "bench.force.axes",
     "force-path": "bench.force.paths",
     "forecast": "bench.forecast.measure",
+    "installations": "bench.installations",
     "over-tcp": "bench.over_tcp",
+    "sensor-faults": "bench.sensor_faults",
     "settling": "bench.settling",
+    "stalls": "bench.stalls",
 }
 
 

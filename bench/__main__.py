@@ -27,6 +27,7 @@ BENCHES = {  # name: module with its `measure`
     "forecast": "bench.forecast.measure",
     "installations": "bench.installations",
     "over-tcp": "bench.over_tcp",
+    "payload": "bench.payload",
     "sensor-faults": "bench.sensor_faults",
     "settling": "bench.settling",
     "stalls": "bench.stalls",

@@ -20,6 +20,7 @@ from bench.pages import as_markdown, differing
 from bench.results import ROOT, as_json, measured_now, write
 
 BENCHES = {  # name: module with its `measure`
+    "demos": "bench.demos",
     "faults": "bench.faults",
     "force": "bench.force.tables",
     "force-axes": "bench.force.axes",
@@ -28,7 +29,9 @@ BENCHES = {  # name: module with its `measure`
     "installations": "bench.installations",
     "over-tcp": "bench.over_tcp",
     "payload": "bench.payload",
+    "recorder": "bench.recorder",
     "sensor-faults": "bench.sensor_faults",
+    "sensor-soak": "bench.sensor_soak",
     "settling": "bench.settling",
     "stalls": "bench.stalls",
 }

@@ -16,7 +16,7 @@ from bench.demos import (
     DemoCase,
     DemoResults,
     LongPress,
-    other_work,
+    building,
     play,
 )
 from forcemesh.messages import Health
@@ -55,7 +55,8 @@ def test_results_are_counted_and_failures_keep_their_reason() -> None:
 def test_each_case_has_its_words() -> None:
     """They are the rows of the page."""
     assert str(DemoCase()) == "nothing; SCHED_FIFO"
-    assert str(DemoCase(loops=True, realtime=False)) == "4 busy loops; ordinary priority"
+    busy = "4 busy loops, 2 builds, another cell, not armed; ordinary priority"
+    assert str(DemoCase(busy=True, realtime=False)) == busy
     assert len(set(map(str, CASES))) == len(CASES)
 
 
@@ -86,8 +87,8 @@ def test_each_run_is_a_demo_as_a_user_starts_it(
 
 
 @pytest.mark.processes
-def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Builds are started again and again; none is left."""
+def test_builds_run_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are started again and again; none is left."""
     started, enough = [], threading.Event()
 
     def run(words: list[str], **_: object) -> None:
@@ -96,7 +97,7 @@ def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPa
             enough.set()
 
     monkeypatch.setattr("subprocess.run", run)
-    with other_work(DemoCase(builds=True)):
+    with building():
         assert enough.wait(timeout=60.0)
     count = len(started)
     assert not any("build" in thread.name for thread in threading.enumerate())

@@ -20,6 +20,7 @@ from bench.pages import as_markdown, differing
 from bench.results import ROOT, as_json, measured_now, write
 
 BENCHES = {  # name: module with its `measure`
+    "chain": "bench.chain.compare",
     "demos": "bench.demos",
     "faults": "bench.faults",
     "force": "bench.force.tables",

@@ -5,21 +5,26 @@ among them: steps in loops can be compared between machines and days. Times are 
 the thread, so other processes disturb only the caches.
 """
 
-import statistics
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
 from time import thread_time_ns
 from typing import Any
+from unittest.mock import patch
 
-from bench.tables import as_markdown
+from bench.results import ROOT, Row
+from common.bus.configured_cell import ConfiguredCell
+from common.config.load import load_cell
 from forcemesh.messages import Law
+from launch.virtual_cell import VirtualCell
 from sim.robot.engine import mujoco
-from tools.walks import pressing
 
-TIMED_S = 4.0  # virtual time
+READY_S, SETTLED_S, TIMED_S = 1.8, 2.0, 4.0  # virtual time
+PRESS_N = 20.0
 LOOP = range(1000)
-PHYSICS = ("mj_step1", "mj_step2")  # MuJoCo's part of the simulated robot's step
+COLUMNS = {
+    "part": "", "budget_us": ".0f", "median_us": ".0f", "lowest_us": ".0f", "in_loops": ".1f",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,66 +46,62 @@ PARTS = {
     "gateway": Part(250.0, "robot", "demo-tcp.yaml"),
 }
 
-Call = Callable[..., Any]
+
+def row(name: str) -> Row:
+    """Return budget and times of a part."""
+    part = PARTS[name]
+    steps_us, loops_us = times_us(part)
+    return {
+        "part": name,
+        "budget_us": part.budget_us,
+        "median_us": median(steps_us),
+        "lowest_us": min(steps_us),
+        "in_loops": median(steps_us) / median(loops_us),
+    }
 
 
-@contextmanager
-def through(call: Call, owner: Any, *names: str) -> Iterator[None]:
-    """Let `call(function, *arguments)` make every call of these functions of an owner."""
-    functions = {name: getattr(owner, name) for name in names}
-    for name, function in functions.items():
-        setattr(owner, name, lambda *given, function=function: call(function, *given))
-    try:
-        yield
-    finally:
-        for name, function in functions.items():
-            setattr(owner, name, function)
-
-
-def steps_table() -> str:
-    """Return a row for each part as Markdown: its budget and its times."""
-    rows = []
-    for name, part in PARTS.items():
-        steps_us, loops_us = times_us(part)
-        median_us, loop_us = statistics.median(steps_us), statistics.median(loops_us)
-        times = (part.budget_us, median_us, min(steps_us))
-        in_loops = f"{median_us / loop_us:.1f}"
-        rows.append([name, *(f"{time_us:.0f}" for time_us in times), in_loops])
-    return as_markdown(("part", "budget us", "median us", "lowest us", "in loops"), rows)
-
-
-@dataclass
-class Stopwatch:
-    """Processor time of the calls that go through it [us]."""
-
-    times_us: list[float] = field(default_factory=list)
-
-    def call(self, function: Call, *arguments: Any) -> None:
-        """Call a function and keep its time."""
-        start_ns = thread_time_ns()
-        function(*arguments)
-        self.times_us.append((thread_time_ns() - start_ns) / 1e3)
-
-
-def times_us(part: Part) -> tuple[list[float], list[float]]:
+def times_us(part: Part, timed_s: float = TIMED_S) -> tuple[list[float], list[float]]:
     """Return the times of all steps of a part, and of the loop after each of them [us]."""
-    cell, steps, loops, physics = (
-        pressing(part.cell, part.law),
-        Stopwatch(),
-        Stopwatch(),
-        Stopwatch(),
-    )
-
-    def timed(step: Call, now_ns: int) -> None:
-        physics.times_us.clear()
-        steps.call(step, now_ns)
-        steps.times_us[-1] -= sum(physics.times_us)
-        loops.call(_loop)
-
+    cell, steps_us, loops_us, physics_us = pressing(part), [], [], [0.0]
     service = cell.runners[part.role].service
-    with through(physics.call, mujoco, *PHYSICS), through(timed, service, "step"):
-        cell.advance(TIMED_S)
-    return steps.times_us, loops.times_us
+    step, first, second = service.step, mujoco.mj_step1, mujoco.mj_step2
+
+    def timed(now_ns: int) -> None:
+        physics_us[0] = 0.0
+        steps_us.append(_took_us(step, now_ns) - physics_us[0])
+        loops_us.append(_took_us(_loop))
+
+    def simulated(function: Callable[..., Any]) -> Callable[..., None]:
+        def add(*arguments: Any) -> None:
+            physics_us[0] += _took_us(function, *arguments)
+
+        return add
+
+    with (
+        patch.object(service, "step", timed),
+        patch.object(mujoco, "mj_step1", simulated(first)),
+        patch.object(mujoco, "mj_step2", simulated(second)),
+    ):
+        cell.advance(timed_s)
+    return steps_us, loops_us
+
+
+def pressing(part: Part) -> VirtualCell:
+    """Return a cell that presses on its plate in mode both."""
+    cell = VirtualCell(load_cell(ROOT / "cells" / part.cell, {"sim.gap_m": 0.001}))
+    client = ConfiguredCell(cell.cell, commander="operator", bus=cell.client)
+    cell.advance(READY_S)
+    client.tare()
+    client.arm()
+    client.force.start(PRESS_N, mode="both", law=part.law)
+    cell.advance(SETTLED_S)
+    return cell
+
+
+def _took_us(function: Callable[..., Any], *arguments: Any) -> float:
+    began_ns = thread_time_ns()
+    function(*arguments)
+    return (thread_time_ns() - began_ns) / 1e3
 
 
 def _loop() -> None:

@@ -29,7 +29,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -87,23 +87,8 @@ readme: setup ## write what is generated from the code: docs/bus.md and other pa
 	@$(BIN)/python -m tools.cli_page
 	@$(BIN)/python -m tools.packet_page
 
-bench: setup ## measure the figures of docs/demo.md
+bench: setup ## measure: ARGS=chain, ARGS="force --write" stores docs/results/force.json and writes its pages; no ARGS: the names
 	@$(BIN)/python -m bench $(ARGS)
-
-bench-chain: setup ## the cell's chain compared with bare forwarding processes: ARGS="--full --write" makes docs/chain.md
-	@$(BIN)/python -m bench.chain $(ARGS)
-
-bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
-	@$(BIN)/python -m bench.over_tcp $(ARGS)
-
-bench-payload: setup ## payload identification beside the published ones: ARGS="recording.csv" adds it, ARGS=--quick
-	@$(BIN)/python -m bench.payload $(ARGS)
-
-bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --paths or --axes alone; --write makes docs/force*.md
-	@$(BIN)/python -m bench.force $(ARGS)
-
-bench-forecast: setup ## forecasts of 200 drawn jobs compared with what happens: ARGS=--write makes docs/forecast.md, --map the map
-	@$(BIN)/python -m bench.forecast $(ARGS)
 
 chaos: setup ## kill, freeze and starve every process of a moving cell, also two at once, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m tests.chaos $(ARGS)
@@ -124,7 +109,7 @@ soak: setup ## ten minutes of rounds at full rate: no growth, no leak, no false 
 	@$(BIN)/python -m tests.chaos.soak $(ARGS)
 
 soak-sensor: setup ## a sensor at 1 kHz over UDP for ten minutes: no record lost, few superseded: ARGS="--minutes 1"
-	@$(BIN)/python -m bench.sensor_soak $(ARGS)
+	@$(BIN)/python -m bench sensor-soak $(ARGS)
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
 	@$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS) $(ARGS)

@@ -1,79 +1,94 @@
-"""Measure what the documentation states: `make bench`, or one part: `python -m bench emulator`."""
+"""Benches: `make bench ARGS=over-tcp` measures and prints, `--write` stores the result.
+
+A stored result is docs/results/NAME.json; its tables in README.md and docs/, and its pictures, are
+written as well. `--render` writes the pages from the stored results without measuring, `--check`
+names those that differ. Exit code 1: a requirement is not met, or a page differs.
+"""
 
 import argparse
-from collections.abc import Callable
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+from rich.markdown import Markdown
 
-from bench import (
-    demos,
-    emulator,
-    faults,
-    installations,
-    panel,
-    physics,
-    recorder,
-    sensor_faults,
-    settling,
-    stalls,
-    steps,
-    subscriptions,
-)
+from bench.harness import Measure, Options, unmet
+from bench.pages import as_markdown, differing
+from bench.results import ROOT, as_json, measured_now, write
 
-PARTS: dict[str, Callable[[], Table]] = {
-    "settling": settling.table,
-    "emulator": emulator.table,
-    "pace": emulator.pace_table,
-    "faults": faults.table,
-    "sensor-faults": sensor_faults.table,
-    "physics": physics.table,
-    "installations": installations.table,
-    "panel": panel.table,
-    "recorder": recorder.table,
-    "subscriptions": subscriptions.table,
-    "stalls": stalls.table,
-    "demos": demos.table,
-    "steps": steps.table,
-    "instructions": steps.instructions_table,
-    "virtual": steps.virtual_table,
+BENCHES = {  # name: module with its `measure`
+    "chain": "bench.chain.compare",
+    "demos": "bench.demos",
+    "faults": "bench.faults",
+    "force": "bench.force.tables",
+    "force-axes": "bench.force.axes",
+    "force-path": "bench.force.paths",
+    "forecast": "bench.forecast.measure",
+    "installations": "bench.installations",
+    "over-tcp": "bench.over_tcp",
+    "payload": "bench.payload",
+    "recorder": "bench.recorder",
+    "sensor-faults": "bench.sensor_faults",
+    "sensor-soak": "bench.sensor_soak",
+    "settling": "bench.settling",
+    "stalls": "bench.stalls",
 }
-WRITERS: dict[str, Callable[[], None]] = {
-    "settling": settling.write,
-    "stalls": stalls.write,
-    "demos": demos.write,
-}
-ON_REQUEST = {
-    "demos",
-    "installations",
-    "instructions",
-    "panel",
-    "recorder",
-    "stalls",
-    "subscriptions",
-}  # long, or with a browser
 
 
-def main() -> None:
-    """Print the requested tables, by default all but the longest."""
+def main() -> int:
+    """Measure one bench, or compare pages with results."""
+    given = _arguments()
+    if given.render or given.check:
+        return _render(writes=given.render)
+    measure: Measure = import_module(BENCHES[given.name]).measure
+    with ProcessPoolExecutor(given.workers) as pool:
+        tables = measure(Options(pool, given.quick, given.minutes, given.file))
+    result = measured_now(given.name, f"make bench ARGS={given.name}", tables)
+    if given.json:
+        print(as_json(result), end="")
+    else:
+        shown = (f"## {name}\n\n{as_markdown(each)}\n" for name, each in tables.items())
+        Console(width=160).print(Markdown("\n".join(shown)))
+    if given.write:
+        write(result)
+        import_module("bench.pictures").draw(result)  # matplotlib takes a second
+        _render(writes=True)
+    missed = list(unmet(tables))
+    print("\n".join(missed), file=sys.stderr)
+    return 1 if missed else 0
+
+
+def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--write", action="store_true",
-                        help=f"write it into its page: {', '.join(WRITERS)}")  # fmt: skip
+    parser.add_argument("name", nargs="?", choices=BENCHES, help="the bench")
+    parser.add_argument("--write", action="store_true", help="store the result, write its pages")
+    parser.add_argument("--quick", action="store_true", help="a few cases; nothing is stored")
+    parser.add_argument("--minutes", type=float, help="duration of recorder, sensor-soak, chain")
+    parser.add_argument("--file", type=Path, help="payload: recording to leave poses out of")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--render", action="store_true", help="write pages from stored results")
+    parser.add_argument("--check", action="store_true", help="name the pages that differ")
     given = parser.parse_args()
-    requested = given.parts or [part for part in PARTS if part not in ON_REQUEST]
-    unknown = [part for part in requested if part not in PARTS]
-    if unknown:
-        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    if given.write and not set(requested) <= WRITERS.keys():
-        parser.error(f"--write is for {', '.join(WRITERS)}")
-    screen = Console()
-    for part in requested:
-        if given.write:
-            WRITERS[part]()
-        else:
-            screen.print(PARTS[part]())
+    if not (given.name or given.render or given.check):
+        parser.error(f"name a bench: {', '.join(BENCHES)}")
+    if given.quick and given.write:
+        parser.error("--write is of every case, without --quick")
+    return given
+
+
+def _render(*, writes: bool) -> int:
+    """Write or name the pages that differ from the results."""
+    pages = list(differing())
+    for page, text in pages:
+        if writes:
+            page.write_text(text, encoding="utf-8")
+        print(f"{page.relative_to(ROOT)}: {'written' if writes else 'differs from its results'}")
+    return 0 if writes else min(1, len(pages))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

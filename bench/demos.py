@@ -1,4 +1,4 @@
-"""The demo with the adaptive law, in real processes during other work: `python -m bench demos`.
+"""The demo with the adaptive law, in real processes during other work.
 
 Each run is `forcemesh demo --law adaptive --json` as a user starts it. What runs at the same time:
 loops without waiting, builds that start processes and read files, and the processes of another
@@ -12,56 +12,60 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from pathlib import Path
+from math import inf
 
-from rich.table import Table
-
-from bench import scale
+from bench.chain.cell import PRESSING, press, why_held
 from bench.chain.load import busy_loops
-from bench.tables import as_markdown, on_screen
+from bench.harness import Options
+from bench.results import ROOT, Row, Table, table
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import Health
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
-from tools.figures import replace_block
 
-ROOT = Path(__file__).resolve().parent.parent
 DEMO = ROOT / "cells" / "demo.yaml"
 RUNS = 20  # of each case
 BUSY_LOOPS, BUILDS = 4, 2
 WITHIN_S = 180.0  # of one demo: a hold or its own timeouts end it before
 READY_S = 60.0
+LONG_MINUTES = 10.0
+OBSERVE_S = 0.25  # a fourth of the time for which a late step stays in the health
+RATES = {"rates.sensor_hz": 500, "rates.control_hz": 250, "rates.robot_hz": 250}
+# The simulated robot's process is the sensor as well.
+OF_PROCESSES = tuple(role for role in topics.ROLES if role != "sensor")
+COLUMNS = {
+    "other_work_and_priority": "", "runs": "d", "settled": "d", "held": "d",
+    "largest_overshoot_pct": ".1f", "longest_settling_ms": ".0f",
+}  # fmt: skip
+PRESSED = {
+    "other_work_and_priority": "", "minutes": "g", "longest_gap_between_steps_ms": ".0f",
+    "late_loop": "", "held": "", "met": "",
+}  # fmt: skip
 ROOTS_OWN = ("setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice")
 A_USERS = ("prlimit", "--rtprio=0")
 
 
 @dataclass(frozen=True, slots=True)
 class DemoCase:
-    """What runs at the same time as the demo, and with which priority the demo runs."""
+    """Whether there is other work at the same time, and the priority of the demo."""
 
-    loops: bool = False
-    builds: bool = False
-    cell: bool = False
+    busy: bool = False
     realtime: bool = True
 
     def __str__(self) -> str:
         """Return the case in words."""
-        names = {
-            f"{BUSY_LOOPS} busy loops": self.loops,
-            f"{BUILDS} builds": self.builds,
-            "another cell, not armed": self.cell,
-        }
-        others = ", ".join(name for name, is_there in names.items() if is_there) or "nothing"
-        return f"{others}; {'SCHED_FIFO' if self.realtime else 'ordinary priority'}"
+        busy = f"{BUSY_LOOPS} busy loops, {BUILDS} builds, another cell, not armed"
+        priority = "SCHED_FIFO" if self.realtime else "ordinary priority"
+        return f"{busy if self.busy else 'nothing'}; {priority}"
 
 
-CASES = [
-    DemoCase(),
-    DemoCase(loops=True, builds=True, cell=True),
-    DemoCase(loops=True, builds=True, cell=True, realtime=False),
-]
+CASES = [DemoCase(), DemoCase(busy=True), DemoCase(busy=True, realtime=False)]
 
 
 @dataclass(slots=True)
@@ -86,6 +90,21 @@ class DemoResults:
         self.settled += 1
         self.overshoot_pct.append(found["overshoot_pct"])
         self.settling_s.append(found["settling_s"])
+
+
+@dataclass(slots=True)
+class LongPress:
+    """What a long press has shown."""
+
+    longest_gap_s: float = 0.0  # between two steps of any loop but the hub's
+    late: str = ""  # the first loop that was late
+
+    def note(self, role: str, health: Health) -> None:
+        """Note the longest gap of a loop, and the first overrun."""
+        if role != "hub":
+            self.longest_gap_s = max(self.longest_gap_s, health.longest_gap_s)
+        if health.overruns and not self.late:
+            self.late = f"{role} was late: {health.late_cause}"
 
 
 @contextmanager
@@ -114,17 +133,14 @@ def building() -> Iterator[None]:
 
 
 @contextmanager
-def other_work(case: DemoCase) -> Iterator[None]:
-    """Run a case's other work during the block."""
-    with ExitStack() as exits:
-        if case.cell:
-            endpoint = f"tcp/127.0.0.1:{free_port()}"
-            other = load_cell(DEMO, {"cell": "other", "bus.endpoint": endpoint})
-            exits.enter_context(Supervisor(other)).wait_ready(READY_S)
-        exits.enter_context(busy_loops(BUSY_LOOPS if case.loops else 0))
-        if case.builds:
-            exits.enter_context(building())
-        yield
+def other_work() -> Iterator[None]:
+    """Run loops that never wait, builds and another cell during the block."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    other = load_cell(DEMO, {"cell": "other", "bus.endpoint": endpoint})
+    with Supervisor(other) as supervisor:
+        supervisor.wait_ready(READY_S)
+        with busy_loops(BUSY_LOOPS), building():
+            yield
 
 
 def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
@@ -133,7 +149,8 @@ def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
     if not case.realtime:
         words = [*(ROOTS_OWN if os.geteuid() == 0 else A_USERS), *words]
     found = DemoResults()
-    with tempfile.TemporaryDirectory() as out, other_work(case):
+    busy = other_work() if case.busy else nullcontext()
+    with tempfile.TemporaryDirectory() as out, busy:
         for _ in range(runs):
             done = subprocess.run(
                 [*words, "--out", out],
@@ -143,45 +160,49 @@ def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
     return found
 
 
-HEAD = ["other work; priority", "runs", "settled", "held", "largest overshoot", "longest settling"]
+def measure(options: Options) -> dict[str, Table]:
+    """Run every case, and press during everything else at once."""
+    runs = 2 if options.quick else RUNS
+    rows = [row(case, runs) for case in CASES]
+    press_s = 60.0 * (options.minutes or LONG_MINUTES)
+    return {"cases": table(COLUMNS, rows), "long-press": table(PRESSED, [pressed(press_s)])}
 
 
-def rows(runs: int = RUNS) -> list[list[str]]:
-    """Run every case; return a row for each, print it, and why a run did not settle."""
-    found = []
-    for case in CASES:
-        results = play(case, runs)
-        row = [
-            str(case),
-            str(runs),
-            str(results.settled),
-            str(len(results.failures)),
-            f"{max(results.overshoot_pct, default=0.0):.1f} %",
-            f"{1e3 * max(results.settling_s, default=0.0):.0f} ms",
-        ]
-        sys.stderr.write("".join(f"{line}\n" for line in (" | ".join(row), *results.failures)))
-        found.append(row)
+def row(case: DemoCase, runs: int) -> Row:
+    """Run a case; print it, and why a run did not settle."""
+    results = play(case, runs)
+    found: Row = {
+        "other_work_and_priority": str(case),
+        "runs": runs,
+        "settled": results.settled,
+        "held": len(results.failures),
+        "largest_overshoot_pct": max(results.overshoot_pct, default=None),
+        "longest_settling_ms": 1e3 * max(results.settling_s, default=inf),
+    }
+    sys.stderr.write("".join(f"{line}\n" for line in (str(found), *results.failures)))
     return found
 
 
-def pressed_throughout() -> str:
-    """Press for ten minutes during everything else at once; return what happened in a sentence."""
-    case = next(each for each in CASES if each.loops and each.builds and each.cell)
-    with other_work(case):
-        found = scale.run(scale.ScaleCase(1, duration_s=scale.LONG_S))
-    return (
-        f"Pressing for {scale.LONG_S / 60.0:g} minutes during {case}: "
-        f"{found.late or 'no hold and no late loop'}; "
-        f"longest gap between two steps {1e3 * found.longest_gap_s:.0f} ms."
-    )
-
-
-def table() -> Table:
-    """Run, and return the table for the terminal."""
-    return on_screen("demos with the adaptive law during other work", HEAD, rows())
-
-
-def write() -> None:
-    """Run, and write the table and the long press into docs/realtime.md."""
-    text = f"{as_markdown(HEAD, rows())}\n\n{pressed_throughout()}"
-    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')
+def pressed(duration_s: float) -> Row:
+    """Press during everything else at once; return what happened."""
+    changes = {"cell": "bench-demos", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **RATES}
+    cell, found = load_cell(DEMO, changes), LongPress()
+    with other_work(), Supervisor(cell) as supervisor:
+        supervisor.wait_ready(WITHIN_S)
+        with ConfiguredCell(cell, commander="operator") as client:
+            client.wait_ready(WITHIN_S)
+            press(client, "adaptive")
+            end_s = time.monotonic() + duration_s
+            while time.monotonic() < end_s and not why_held(client, (PRESSING,)):
+                time.sleep(OBSERVE_S)
+                for role in OF_PROCESSES:
+                    found.note(role, client.feed(topics.HEALTH[role])())
+            held = why_held(client, (PRESSING,))
+    return {
+        "other_work_and_priority": str(DemoCase(busy=True)),
+        "minutes": duration_s / 60.0,
+        "longest_gap_between_steps_ms": 1e3 * found.longest_gap_s,
+        "late_loop": found.late,
+        "held": held,
+        "met": not (held or found.late),
+    }

@@ -1,20 +1,20 @@
-"""Fault injection into every service and link of a moving cell, on the virtual clock.
+"""One fault in every service and link of a moving cell, on the virtual clock.
 
 The services are those of the real processes, at 125 Hz with the deadlines of a lab PC: the result
 is that of the design, to the millisecond, independent of the machine. `make chaos` does the same to
 real processes.
 """
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
+from math import inf
 from typing import Any, Literal, get_args
 
 import numpy as np
-from rich.table import Table
 
+from bench.harness import CaseTable, Options
+from bench.results import ROOT, Row, Table, table
 from cli.demo.scenario import ScenarioError
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
@@ -22,14 +22,13 @@ from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
 from forcemesh import topics
-from forcemesh.clock import NS_PER_S
 from forcemesh.codec import decode
 from forcemesh.messages import Host, RobotCommand, RobotState, Speed
 from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
 from forcemesh.topics import ROLES, Qos
 from launch.virtual_cell import VirtualCell
 
-CELLS = Path(__file__).resolve().parent.parent / "cells"
+CELLS = ROOT / "cells"
 HZ, FROZEN_S, WATCH_S = 125, 1.0, 1.0
 MOVING_M_S, STILL_M_S = 2e-3, 1e-3
 WINDOW = 10  # milliseconds over which a speed is taken
@@ -60,18 +59,6 @@ class Case:
     how: FaultKind
     what: str
     motion: Motion
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Result of a case."""
-
-    case: Case
-    speed_m_s: float  # of the flange at the fault
-    last_s: float  # until the robot executed its last motion command; 0 without another one
-    still_s: float | None  # until the true flange stayed below 1 mm/s
-    moved_m: float  # after that, also after the recovery
-    held: bool
 
 
 class CutTransport(MemoryTransport):
@@ -164,39 +151,30 @@ class FaultCell:
         if motion == "approach":
             self.live(0.3)
             return
-        self._until_moving_in_contact()
+        arm = self.world.arm
+        self._until(lambda: arm.true_wrench().force_N[2] > 0.2 * PRESS_N, 0.05, "no contact")
         if motion == "retreat":
             self.live(3.0)
             self.feedback(RELEASE_N, self.host)
-            self._until_fast()
+            fast_m_s = 2.0 * MOVING_M_S
+            self._until(lambda: self.speeds_m_s()[-1] > fast_m_s, 0.01, "the arm does not retreat")
 
     def feedback(self, setpoint_N: float, host: Host) -> None:
         """Start force feedback along the tool."""
         start = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
         self.ask(topics.FORCE_START, start)
 
-    def _until_moving_in_contact(self) -> None:
-        """Wait for the plate, and for the arm to follow the force."""
-        begun = len(self.p_m)
+    def _until(self, condition: Callable[[], bool], step_s: float, failure: str) -> None:
         for _ in range(200):
-            self.live(0.05)
-            pressed = self.world.arm.true_wrench().force_N[2] > 0.2 * PRESS_N
-            if pressed:
+            self.live(step_s)
+            if condition():
                 return
-        raise ScenarioError(f"no contact within {len(self.p_m) - begun} ms")
-
-    def _until_fast(self) -> None:
-        """Wait until the arm retreats; in the controller force feedback has to start first."""
-        for _ in range(200):
-            self.live(0.01)
-            if self.speeds_m_s()[-1] > 2.0 * MOVING_M_S:
-                return
-        raise ScenarioError("the arm does not retreat")
+        raise ScenarioError(failure)
 
     def strike(self, case: Case) -> None:
         """Inject the fault, and undo it if it ends: all traffic goes through the hub."""
-        taken = {"cut": {case.what}, "kill": set(), "freeze": set()}[case.how]
-        self.bus.cut |= set(LINKS) if case.what == "hub" else taken
+        links = set(LINKS) if case.what == "hub" else {case.what}
+        self.bus.cut |= links if case.what == "hub" or case.how == "cut" else set()
         frozen = None if case.how == "cut" else self.world.runners.pop(case.what)
         self.live(FROZEN_S)
         if case.how != "kill":
@@ -228,17 +206,16 @@ def cell_for(
 def cases() -> Iterator[Case]:
     """Yield every fault that does not end the arm itself."""
     for robot, motion in product(ROBOTS, MOTIONS):
-        arm = "robot" if robot == "sim" else "sensor"
-        for role in ROLES:
-            if role != arm and not (robot == "sim" and role == "sensor"):
-                yield Case(robot, "kill", role, motion)
-                yield Case(robot, "freeze", role, motion)
+        kept = {"robot", "sensor"} if robot == "sim" else {"sensor"}
+        for role in (role for role in ROLES if role not in kept):
+            yield Case(robot, "kill", role, motion)
+            yield Case(robot, "freeze", role, motion)
         for link in LINKS:
             yield Case(robot, "cut", link, motion)
 
 
-def run(case: Case) -> Outcome:
-    """Run one case."""
+def row(case: Case) -> Row:
+    """Let a fault happen in motion, and watch the flange."""
     world = FaultCell(case.robot)
     world.begin(case.motion)
     speed_m_s, begun, fault_ns = float(world.speeds_m_s()[-1]), len(world.p_m), world.now_ns
@@ -246,48 +223,45 @@ def run(case: Case) -> Outcome:
     speeds = world.speeds_m_s()[begun - WINDOW :]
     fast = np.flatnonzero(speeds >= STILL_M_S)
     still = int(fast[-1]) + 1 if len(fast) else 0
-    at_rest = still < len(speeds)
-    p_m = np.array(world.p_m[begun + still :])
-    state = world.bus.robot
-    return Outcome(
-        case,
-        speed_m_s=speed_m_s,
-        last_s=max(0, world.last_ns - fault_ns) / NS_PER_S,
-        still_s=still * 1e-3 if at_rest else None,
-        moved_m=float(np.linalg.norm(p_m - p_m[0], axis=1).max()) if at_rest else float("inf"),
-        held=state is not None and bool(state.hold_reason),
-    )
+    rest_m = np.array(world.p_m[begun + still :])
+    rests = still < len(speeds)
+    return {
+        **asdict(case),
+        "speed_m_s": speed_m_s,
+        "last_motion_ms": max(0, world.last_ns - fault_ns) / 1e6,
+        "at_rest_ms": still if rests else inf,
+        "moved_after_mm": 1e3 * np.linalg.norm(rest_m - rest_m[0], axis=1).max() if rests else inf,
+    }
 
 
-def table() -> Table:
-    """Return the worst of each robot, fault and role or key, over all motions."""
-    with ProcessPoolExecutor() as pool:
-        outcomes = list(pool.map(run, cases(), chunksize=4))
-    rows = Table(title=f"One fault in motion, {HZ} Hz, virtual clock", title_justify="left")
-    for name in (
-        "robot",
-        "fault",
-        "of",
-        "trials",
-        "last motion executed",
-        "at rest",
-        "moved after",
-    ):
-        rows.add_column(name, justify="left" if name in ("robot", "fault", "of") else "right")
-    groups = {(o.case.robot, o.case.how, o.case.what): None for o in outcomes}
-    for key in groups:
-        group = [o for o in outcomes if (o.case.robot, o.case.how, o.case.what) == key]
-        rows.add_row(*key, *worst(group))
-    return rows
+ROWS = CaseTable(
+    {
+        "robot": "", "how": "", "what": "", "motion": "", "speed_m_s": ".3f",
+        "last_motion_ms": ".0f", "at_rest_ms": ".0f", "moved_after_mm": ".2f",
+    },
+    [*cases()],
+    row,
+)  # fmt: skip
+WORST = {
+    "robot": "", "how": "", "what": "", "trials": "d",
+    "last_motion_ms": ".0f", "at_rest_ms": ".0f", "moved_after_mm": ".2f",
+}  # fmt: skip
 
 
-def worst(group: list[Outcome]) -> tuple[str, ...]:
-    """Return a line of the table, without trials in which the flange did not move."""
-    counted = [o for o in group if o.speed_m_s > MOVING_M_S]
-    rests = [np.inf if o.still_s is None else o.still_s for o in counted]
-    return (
-        str(len(counted)),
-        f"{max(o.last_s for o in counted) * 1e3:.0f} ms",
-        f"{max(rests) * 1e3:.0f} ms",
-        f"{max(o.moved_m for o in counted) * 1e3:.2f} mm",
-    )
+def measure(options: Options) -> dict[str, Table]:
+    """Return every fault, and the worst of each over the motions in which the flange moved."""
+    rows = ROWS.measured(options)
+    return {"rows": ROWS.stored(rows), "worst": table(WORST, worst_rows(rows))}
+
+
+def worst_rows(rows: Sequence[Row]) -> Iterator[Row]:
+    """Yield the worst of each robot, fault and role or key."""
+    names, measures = list(WORST)[:3], list(WORST)[4:]
+    moving = [each for each in rows if each["speed_m_s"] > MOVING_M_S]
+    for place in dict.fromkeys(tuple(each[name] for name in names) for each in moving):
+        ours = [each for each in moving if tuple(each[name] for name in names) == place]
+        yield {
+            **dict(zip(names, place, strict=True)),
+            "trials": len(ours),
+            **{name: max(each[name] for each in ours) for name in measures},
+        }

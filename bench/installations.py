@@ -1,7 +1,4 @@
-"""Sensor installation errors in a virtual cell, and their detection.
-
-    python -m bench installations              the table, some ten minutes
-    python -m bench.installations --write      the same into docs/installations.md
+"""Sensor installation errors in virtual cells, and their detection.
 
 Three lines of defence are tested, each as if the previous ones had been skipped:
 - `check axes`: the readings in six poses, as this installation shows them;
@@ -9,16 +6,13 @@ Three lines of defence are tested, each as if the previous ones had been skipped
 - the press: the error is hidden at rest, then the tool is pressed on a plate.
 """
 
-import argparse
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
+from math import isfinite
 
 import numpy as np
-from rich.table import Table
 
-from bench.installations_page import Outcome, page, short
+from bench.harness import CaseTable, Options
 from bench.installations_stage import (
     EYE,
     InstallationError,
@@ -28,17 +22,16 @@ from bench.installations_stage import (
     readings_with,
     true_cell,
 )
-from bench.sensor_faults import PRESSED_N, TruthObserver
+from bench.results import Row, Table, table
+from bench.sensor_faults import PRESSED_N, TruthObserver, name_of
 from forcemesh import topics
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.requests import ArmRequest, Empty
 from identification.installation.axis_fit import SIGNED
 from identification.installation.check import judge_installation
 from identification.installation.terms import ExpectedInstallation
-from tools.figures import as_block_page
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"
-PRESS_S, REST_S = 6.0, 0.1
+PRESS_S, REST_S, MOST_N = 6.0, 0.1, 10.0
 NO_CELL = "nothing starts"
 ALL, FORCES, TORQUES, UNITS = "all six channels", "forces", "torques", "units and payload"
 KGF, LBF = 1.0 / 9.80665, 1.0 / 4.4482216
@@ -47,11 +40,8 @@ KGF, LBF = 1.0 / 9.80665, 1.0 / 4.4482216
 def wirings(group: str) -> Iterator[InstallationError]:
     """Yield the 47 wrong wirings of some channels."""
     for wiring in SIGNED[1:]:
-        rows = [
-            f"{'-' if row.min() < 0.0 else '+'}{'xyz'[int(np.argmax(abs(row)))]}" for row in wiring
-        ]
         yield InstallationError(
-            " ".join(rows),
+            name_of(wiring),
             group,
             EYE if group == TORQUES else wiring,
             EYE if group == FORCES else wiring,
@@ -91,30 +81,29 @@ def others() -> Iterator[InstallationError]:
         )
 
 
-def evaluate(mistake: InstallationError) -> Outcome:
+def row(mistake: InstallationError) -> Row:
     """Test the lines of defence that are relevant for a group.
 
     Torques have no effect on a straight press; errors of the forces press like all six channels.
     """
+    found: Row = {"group": mistake.group, "error": mistake.name}
     try:
         configured = changed(true_cell(), mistake.changes)
     except ConfigError as error:
         refusal = f"the cell file is refused: {'; '.join(error.mistakes)}"
-        return Outcome(
-            mistake.name, mistake.group, "wrong", (refusal,), NO_CELL, NO_CELL, "", 0.0, 0.0
-        )
-    found = judge_installation(readings_with(mistake), ExpectedInstallation.of(configured))
+        refused = {"result": refusal, "tare": NO_CELL, "arming": NO_CELL, "press": ""}
+        return {**found, "detected": True, "harmless": True, **refused}
+    judged = judge_installation(readings_with(mistake), ExpectedInstallation.of(configured))
     tare, arming = ("", "") if mistake.group == FORCES else _arming(mistake)
-    press = ("", 0.0, 0.0) if mistake.group in (FORCES, TORQUES) else _press(mistake)
-    return Outcome(
-        mistake.name,
-        mistake.group,
-        found.verdict,
-        tuple(str(finding) for finding in found.findings),
-        tare,
-        arming,
-        *press,
-    )
+    press = {} if mistake.group in (FORCES, TORQUES) else _press(mistake)
+    return {
+        **found,
+        "detected": judged.verdict == "wrong",
+        "result": ". ".join(map(str, judged.findings)) or judged.verdict,
+        "tare": short(tare),
+        "arming": short(arming),
+        **press,
+    }
 
 
 def _arming(mistake: InstallationError) -> tuple[str, str]:
@@ -130,7 +119,7 @@ def _arming(mistake: InstallationError) -> tuple[str, str]:
     return refused, "" if reply.accepted else f"{reply.code}: {reply.text}"
 
 
-def _press(mistake: InstallationError) -> tuple[str, float, float]:
+def _press(mistake: InstallationError) -> Row:
     """Return why the press was stopped, its true peak force and its travel."""
     stage = Stage(mistake, hidden=True)
     client = stage.world.client
@@ -138,64 +127,67 @@ def _press(mistake: InstallationError) -> tuple[str, float, float]:
     stage.world.advance(REST_S)
     reply = client.ask(topics.ARM, ArmRequest())
     if not reply.accepted:
-        return f"not armed: {reply.text}", 0.0, 0.0
+        return {"press": f"not armed: {reply.text}", "harmless": True}
     observer = TruthObserver(stage)
     try:
         stage.feedback(PRESSED_N, "pc")
     except ForcemeshError as error:
-        return f"not started: {error}", 0.0, 0.0
+        return {"press": f"not started: {error}", "harmless": True}
     held_s = observer.until_held(PRESS_S)
-    stopped = f"{observer.code()} after {1e3 * held_s:.0f} ms" if np.isfinite(held_s) else ""
-    return stopped, observer.peak_N, observer.travel_m
+    return {
+        "press": f"{observer.code()} after {1e3 * held_s:.0f} ms" if isfinite(held_s) else "",
+        "peak_N": observer.peak_N,
+        "travel_mm": 1e3 * observer.travel_m,
+        "harmless": observer.peak_N < MOST_N,
+    }
 
 
-def outcomes() -> list[Outcome]:
-    """Test everything, on all cores."""
-    mistakes = [*others(), *wirings(ALL), *wirings(FORCES), *wirings(TORQUES)]
-    with ProcessPoolExecutor() as pool:
-        return list(pool.map(evaluate, mistakes))
+def short(answer: str) -> str:
+    """Return the first reason of an answer, without code and advice."""
+    words = answer.split(": ")
+    return answer if len(words) < 3 else words[1]
 
 
-def table() -> Table:
-    """Return the table of detections."""
-    rows = Table(title="Sensor installation errors, virtual clock", title_justify="left")
-    for name in (
-        "installation",
-        "error",
-        "check axes",
-        "tare",
-        "arming",
-        "press",
-        "peak",
-        "travel",
-    ):
-        rows.add_column(name)
-    for outcome in outcomes():
-        rows.add_row(
-            outcome.group,
-            outcome.mistake,
-            f"{outcome.verdict}: {outcome.sentences}",
-            short(outcome.tare),
-            short(outcome.arming),
-            outcome.press or "-",
-            f"{outcome.peak_N:.1f} N",
-            f"{1e3 * outcome.travel_m:.2f} mm",
-        )
-    return rows
+ROWS = CaseTable(
+    {
+        "group": "", "error": "", "detected": "", "result": "", "tare": "", "arming": "",
+        "press": "", "peak_N": ".1f", "travel_mm": ".2f",
+    },
+    [*others(), *wirings(ALL), *wirings(FORCES), *wirings(TORQUES)],
+    row,
+)  # fmt: skip
+SUMMARY = {
+    "group": "", "errors": "d", "detected_by_the_check": "d", "tare_or_arming_refused": "d",
+    "harmless_press": "d", "none_of_these": "d", "met": "",
+}  # fmt: skip
+HARD = {"error": "", "arming": "", "press": "", "peak_N": ".1f", "travel_mm": ".2f"}
 
 
-def main() -> None:
-    """Print the page, or write it."""
-    parser = argparse.ArgumentParser(prog="python -m bench.installations", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write docs/installations.md")
-    writes = parser.parse_args().write
-    text = page(outcomes())
-    if writes:
-        command = "python -m bench.installations --write"
-        PAGE.write_text(as_block_page("installations", text, command), encoding="utf-8")
-    else:
-        print(text)
+def measure(options: Options) -> dict[str, Table]:
+    """Return every error, and how many of each group each line of defence finds."""
+    rows = ROWS.measured(options)
+    hard = [each for each in rows if not each.get("harmless", True)]
+    return {
+        "summary": table(SUMMARY, summary(rows)),
+        "hard-presses": table(HARD, hard),
+        "rows": ROWS.stored(rows),
+    }
 
 
-if __name__ == "__main__":
-    main()
+def summary(rows: Sequence[Row]) -> Iterator[Row]:
+    """Yield the counts of a group; a line of defence that was not played has none."""
+    for group in dict.fromkeys(each["group"] for each in rows):
+        wrong = [r for r in rows if r["group"] == group and not r["error"].startswith("none")]
+        refused = [bool(each["tare"] or each["arming"]) for each in wrong]
+        harmless = [each.get("harmless", False) for each in wrong]
+        found = [each["detected"] for each in wrong]
+        passed = sum(not any(each) for each in zip(found, refused, harmless, strict=True))
+        yield {
+            "group": group,
+            "errors": len(wrong),
+            "detected_by_the_check": sum(found),
+            "tare_or_arming_refused": None if group == FORCES else sum(refused),
+            "harmless_press": None if group in (FORCES, TORQUES) else sum(harmless),
+            "none_of_these": passed,
+            "met": passed == 0,
+        }

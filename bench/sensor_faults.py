@@ -4,18 +4,18 @@ A wrong wiring is present from the start: the first contact must show it, for al
 and signs of the three axes.
 """
 
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from itertools import permutations, product
+from collections.abc import Callable, Sequence
+from math import inf, isfinite
 
 import numpy as np
-from rich.table import Table
 
 from bench.faults import FaultCell
+from bench.harness import CaseTable, Options
+from bench.results import Row, Table, table
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
+from identification.installation.axis_fit import SIGNED
 from sim.robot.ft_sensor import FtSample, FtStatus
 
 Disturb = Callable[[FtSample], FtSample | None]
@@ -58,16 +58,6 @@ FAULTS: dict[str, Callable[[], Disturb]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Time to the hold and its code; increase of the force, travel since the first contact."""
-
-    held_s: float
-    code: str
-    more_N: float = 0.0
-    travel_m: float = 0.0
-
-
 class TruthObserver:
     """Observer of the true force and travel each millisecond until the arbiter holds."""
 
@@ -84,7 +74,7 @@ class TruthObserver:
         before_ns = self._world.clock.now_ns()
         self._world.advance(timeout_s, self._held)
         if not self._held():
-            return float("inf")
+            return inf
         took_s = (self._world.clock.now_ns() - before_ns) / NS_PER_S
         self._world.advance(0.3, self._observe)
         return took_s
@@ -110,7 +100,7 @@ class TruthObserver:
         return False
 
 
-def fault(name: str) -> Outcome:
+def fault(name: str) -> Row:
     """Press, let the sensor fail, observe."""
     world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     world.feedback(PRESSED_N, "pc")
@@ -119,20 +109,18 @@ def fault(name: str) -> Outcome:
     before_N = float(np.linalg.norm(world.world.arm.true_wrench().force_N))
     world.world.arm.ft_sensor.disturb = FAULTS[name]()
     held_s = observer.until_held(WITHIN_S)
-    return Outcome(held_s, observer.code(), more_N=observer.peak_N - before_N)
+    return {
+        "fault": name,
+        "held_after_ms": 1e3 * held_s,
+        "code": observer.code(),
+        "force_increase_N": observer.peak_N - before_N,
+    }
 
 
-def wirings() -> list[Array]:
-    """Return the 48 permutations and signs of three axes, the correct one first."""
-    axes = np.eye(3)
-    signs = list(product((1.0, -1.0), repeat=3))
-    return [np.diag(sign) @ axes[list(order)] for order in permutations(range(3)) for sign in signs]
-
-
-def wiring(number: int) -> Outcome:
+def wiring(number: int) -> Row:
     """Tare, apply one of these wirings to the force axes, and press."""
     world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
-    sensor, wired = world.world.arm.ft_sensor, wirings()[number]
+    sensor, wired = world.world.arm.ft_sensor, SIGNED[number]
     rest = world.world.arm.ft_sensor.sample()
 
     def disturb(sample: FtSample) -> FtSample:
@@ -143,37 +131,53 @@ def wiring(number: int) -> Outcome:
     observer = TruthObserver(world)
     world.feedback(PRESSED_N, "pc")
     held_s = observer.until_held(SLIDE_S)
-    return Outcome(held_s, observer.code(), more_N=observer.peak_N, travel_m=observer.travel_m)
+    return {
+        "wiring": name_of(wired),
+        "press_is_visible": bool(wired[2, 2] == 1.0),
+        "held_after_ms": 1e3 * held_s,
+        "code": observer.code(),
+        "force_N": observer.peak_N,
+        "travel_mm": 1e3 * observer.travel_m,
+    }
 
 
-def table() -> Table:
-    """Return time to the hold, code and increase of the press force for each fault."""
-    tested = wirings()
-    with ProcessPoolExecutor() as pool:
-        faults = dict(zip(FAULTS, pool.map(fault, FAULTS), strict=True))
-        wired = list(pool.map(wiring, range(len(tested)), chunksize=4))
-    rows = Table(title=f"Sensor faults at {PRESSED_N:g} N, virtual clock", title_justify="left")
-    for name in ("fault", "held after", "code", "force increase", "travel after contact"):
-        rows.add_column(name)
-    for name, outcome in faults.items():
-        rows.add_row(
-            name, f"{outcome.held_s * 1e3:.0f} ms", outcome.code, f"{outcome.more_N:.1f} N", "-"
-        )
-    wrong = list(zip(tested, wired, strict=True))[1:]
-    axial = [outcome for matrix, outcome in wrong if matrix[2, 2] != 1.0]
-    sideways = [outcome for matrix, outcome in wrong if matrix[2, 2] == 1.0]
-    rows.add_row(*wired_row("wirings in which the press is not visible", axial))
-    rows.add_row(*wired_row("wirings that are wrong laterally only", sideways))
-    return rows
-
-
-def wired_row(name: str, outcomes: list[Outcome]) -> tuple[str, ...]:
-    """Return the row of a group of wirings: number stopped, and the worst values."""
-    stopped = [each for each in outcomes if np.isfinite(each.held_s)]
-    return (
-        f"{len(stopped)} of {len(outcomes)} {name}",
-        f"{max(each.held_s for each in stopped) * 1e3:.0f} ms" if stopped else "-",
-        ", ".join(sorted({each.code for each in stopped})),
-        f"{max(each.more_N for each in outcomes):.1f} N",
-        f"{max(each.travel_m for each in outcomes) * 1e3:.2f} mm",
+def name_of(wiring: Array) -> str:
+    """Return the true axes that the three channels show."""
+    return " ".join(
+        f"{'-' if each.min() < 0.0 else '+'}{'xyz'[int(np.argmax(abs(each)))]}" for each in wiring
     )
+
+
+FAULT_ROWS = CaseTable(
+    {"fault": "", "held_after_ms": ".0f", "code": "", "force_increase_N": ".1f"}, [*FAULTS], fault
+)
+HELD = {"held_after_ms": ".0f", "code": "", "force_N": ".1f", "travel_mm": ".2f"}
+WIRING_ROWS = CaseTable({"wiring": "", "press_is_visible": "", **HELD}, range(len(SIGNED)), wiring)
+
+
+def measure(options: Options) -> dict[str, Table]:
+    """Return time to the hold, code and force for each fault and each wiring, and the worst."""
+    faults, wired = FAULT_ROWS.measured(options), WIRING_ROWS.measured(options)
+    groups = {
+        "the press is not visible": [each for each in wired if not each["press_is_visible"]],
+        "wrong laterally only": [each for each in wired[1:] if each["press_is_visible"]],
+    }
+    worst = [{"wirings": name, **_worst(group)} for name, group in groups.items()]
+    return {
+        "faults": FAULT_ROWS.stored(faults),
+        "wirings": WIRING_ROWS.stored(wired),
+        "worst-wirings": table({"wirings": "", "stopped": "d", "of": "d", **HELD}, worst),
+    }
+
+
+def _worst(group: Sequence[Row]) -> Row:
+    """Return how many wirings were stopped, and the worst values."""
+    stopped = [each for each in group if isfinite(each["held_after_ms"])]
+    return {
+        "stopped": len(stopped),
+        "of": len(group),
+        "held_after_ms": max((each["held_after_ms"] for each in stopped), default=None),
+        "code": ", ".join(sorted({each["code"] for each in stopped})),
+        "force_N": max((each["force_N"] for each in group), default=None),
+        "travel_mm": max((each["travel_mm"] for each in group), default=None),
+    }

@@ -1,21 +1,18 @@
 """Soak test of the sensor driver: a thousand records a second over UDP, with loss accounting.
 
-`python -m bench.sensor_soak --minutes 10`: the simulated Net F/T, the hub and the driver run as
-processes; this one reads the topic as every service does, the newest message only.
+The simulated Net F/T, the hub and the driver run as processes; this one reads the topic as every
+service does, the newest message only.
 """
 
-import argparse
-import socket
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
+from bench.harness import Options
+from bench.results import ROOT, Row, Table, table
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
@@ -26,38 +23,36 @@ from forcemesh.errors import BusError
 from forcemesh.messages import Health, SensorWrench
 from launch.processes import Supervisor
 from launch.started_process import ProcessSpec
+from tests.chaos.common_net import free_port
 
-ROOT = Path(__file__).resolve().parent.parent
 RATE_HZ = 1000
 MOST_SUPERSEDED = 0.005  # of what was published
-PRINT_EVERY_S = 60.0
-WARM_UP_S = 2.0
-START_WITHIN_S = 30.0
-COUNTS = ("records", "lost", "late", "published", "received", "superseded", "not_valid")
-
-
-@dataclass(slots=True)
-class SoakCounts:
-    """Counters of both ends at one time."""
-
-    records: int = 0
-    lost: int = 0
-    late: int = 0
-    published: int = 0
-    received: int = 0
-    superseded: int = 0
-    not_valid: int = 0
-    reasons: dict[str, int] = field(default_factory=dict)
+MINUTES, PRINT_EVERY_S, WARM_UP_S, START_WITHIN_S = 10.0, 60.0, 2.0, 30.0
+OF_DRIVER = ("records", "lost", "late", "published")
+NAMES = {
+    "records": "records read by the driver from its socket",
+    "lost": "lost between sensor and driver",
+    "late": "dropped because of their age",
+    "published": "published",
+    "received": "received by a reader of the newest message only",
+    "superseded": "superseded there",
+    "not valid": "messages that were not valid",
+}
+COLUMNS = {"quantity": "", "count": "d", "limit": "", "met": ""}
 
 
 class Soak:
     """A reader of the driver's topic and health, on a cell that is up."""
 
     def __init__(self, wrench: Reader[SensorWrench], health: Reader[Health]) -> None:
-        """Start with the present counters."""
-        self._wrench, self._health = wrench, health
-        self.soak_counts = SoakCounts()
-        self._seq = 0
+        """Wait for the first sample. Raises BusError when there is none."""
+        self._wrench, self._health, self._seq = wrench, health, 0
+        self._not_valid: Counter[str] = Counter()
+        give_up_s = time.monotonic() + START_WITHIN_S
+        while wrench.read(time.monotonic_ns()).fresh is None:
+            if time.monotonic() > give_up_s:
+                raise BusError(f"no sample within {START_WITHIN_S:g} s")
+            wrench.wait(0.05)
 
     def live(self, duration_s: float) -> None:
         """Read as a service does: wait for a message, take the newest."""
@@ -65,37 +60,22 @@ class Soak:
         while time.monotonic() < end_s:
             self._wrench.wait(0.05)
             reading = self._wrench.read(time.monotonic_ns())
-            if reading.header is None or reading.header.seq == self._seq:
-                continue
-            self._seq = reading.header.seq
-            if reading.code:
-                self.soak_counts.not_valid += 1
-                self.soak_counts.reasons[reading.code] = (
-                    self.soak_counts.reasons.get(reading.code, 0) + 1
-                )
+            if reading.header is not None and reading.header.seq != self._seq:
+                self._seq = reading.header.seq
+                self._not_valid.update(["not valid"] if reading.code else [])
 
-    def wait_until_good(self) -> None:
-        """Wait for the first sample; raise BusError when there is none."""
-        give_up_s = time.monotonic() + START_WITHIN_S
-        while self._wrench.read(time.monotonic_ns()).fresh is None:
-            if time.monotonic() > give_up_s:
-                raise BusError(f"no sample within {START_WITHIN_S:g} s")
-            self._wrench.wait(0.05)
-
-    def count(self) -> SoakCounts:
+    def counts(self) -> Counter[str]:
         """Return both ends' counters; the driver's are a quarter of a second old at most."""
-        soak_counts, counters = self.soak_counts, self._wrench.counters
-        soak_counts.received, soak_counts.superseded = counters.received, counters.superseded
         health = self._health.read(time.monotonic_ns()).message
         driver = {} if health is None else health.counters
-        soak_counts.records, soak_counts.lost = driver.get("records", 0), driver.get("lost", 0)
-        soak_counts.late, soak_counts.published = driver.get("late", 0), driver.get("published", 0)
-        return soak_counts
+        counters = self._wrench.counters
+        here = {"received": counters.received, "superseded": counters.superseded}
+        return Counter({name: driver.get(name, 0) for name in OF_DRIVER} | here) + self._not_valid
 
 
 def soak_cell() -> CellConfig:
     """Return a cell whose sensor is on free ports of this machine."""
-    ports = [_free_port() for _ in range(3)]
+    ports = [free_port() for _ in range(3)]
     return load_cell(
         ROOT / "cells" / "rs007l-real.yaml",
         {
@@ -123,7 +103,7 @@ def processes_of(cell: CellConfig) -> list[ProcessSpec]:
     ]
 
 
-def soak(minutes: float) -> SoakCounts:
+def soak(minutes: float) -> Counter[str]:
     """Run for a duration; return the counts after the warm-up."""
     cell = soak_cell()
     with tempfile.TemporaryDirectory() as folder:
@@ -134,71 +114,30 @@ def soak(minutes: float) -> SoakCounts:
             open_bus(cell, topics.CLIENT, patience_s=10.0) as bus,
         ):
             run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.HEALTH["sensor"]))
-            run.wait_until_good()
             prepare_realtime()
             run.live(WARM_UP_S)
-            end_s = time.monotonic() + 60.0 * minutes
-            run.soak_counts = SoakCounts()
-            before = replace(run.count())
+            before, end_s = run.counts(), time.monotonic() + 60.0 * minutes
             while (left_s := end_s - time.monotonic()) > 0.0:
                 run.live(min(PRINT_EVERY_S, left_s))
-                now = run.count()
-                sys.stderr.write(
-                    f"{now.records} records, {now.lost} lost, {now.superseded} superseded\n"
-                )
-            return _since(before, run.count())
+                now = run.counts()
+                sys.stderr.write(f"{now['records']} records, {now['superseded']} superseded\n")
+            return Counter({name: count - before[name] for name, count in run.counts().items()})
 
 
-def _plain(soak_counts: SoakCounts) -> dict[str, int]:
-    return {name: getattr(soak_counts, name) for name in COUNTS}
+def measure(options: Options) -> dict[str, Table]:
+    """Count for ten minutes."""
+    return {"counts": table(COLUMNS, rows(soak(options.minutes or MINUTES)))}
 
 
-def _since(before: SoakCounts, after: SoakCounts) -> SoakCounts:
-    earlier = _plain(before)
-    counts: dict[str, Any] = {
-        name: number - earlier[name] for name, number in _plain(after).items()
+def rows(counts: Counter[str]) -> Iterator[Row]:
+    """Yield the counts: nothing may be lost, and few messages superseded."""
+    few = MOST_SUPERSEDED * counts["published"]
+    met = {
+        "records": ("> 0", counts["records"] > 0),
+        "lost": ("0", counts["lost"] == 0),
+        "late": ("0", counts["late"] == 0),
+        "superseded": (f"{few:.0f}", counts["superseded"] <= few),
     }
-    return replace(after, **counts)
-
-
-def table(soak_counts: SoakCounts, minutes: float) -> Table:
-    """Return the table of counts."""
-    rows = Table(title=f"{minutes:g} minutes at {RATE_HZ} Hz over UDP", title_justify="left")
-    rows.add_column("quantity")
-    rows.add_column("count", justify="right")
-    share = soak_counts.superseded / max(soak_counts.published, 1)
-    rows.add_row("records read by the driver from its socket", str(soak_counts.records))
-    rows.add_row("lost between sensor and driver", str(soak_counts.lost))
-    rows.add_row("dropped because of their age", str(soak_counts.late))
-    rows.add_row("published", str(soak_counts.published))
-    rows.add_row("received by a reader of the newest message only", str(soak_counts.received))
-    rows.add_row("superseded there", f"{soak_counts.superseded} ({share:.3%})")
-    reason_counts = ", ".join(f"{code}: {count}" for code, count in soak_counts.reasons.items())
-    rows.add_row("messages that were not valid", f"{soak_counts.not_valid} {reason_counts}".strip())
-    return rows
-
-
-def is_good(soak_counts: SoakCounts) -> bool:
-    """Return whether nothing was lost and few messages were superseded."""
-    few = soak_counts.superseded <= MOST_SUPERSEDED * soak_counts.published
-    return soak_counts.records > 0 and soak_counts.lost == 0 and soak_counts.late == 0 and few
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def main() -> None:
-    """Run the test, print the table, exit with 1 on failure."""
-    parser = argparse.ArgumentParser(prog="python -m bench.sensor_soak", description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10.0)
-    minutes = parser.parse_args().minutes
-    soak_counts = soak(minutes)
-    Console().print(table(soak_counts, minutes))
-    sys.exit(0 if is_good(soak_counts) else 1)
-
-
-if __name__ == "__main__":
-    main()
+    for name, text in NAMES.items():
+        limit, is_met = met.get(name, ("", None))
+        yield {"quantity": text, "count": counts[name], "limit": limit, "met": is_met}

@@ -1,87 +1,84 @@
 """Settling and overshoot of the force release over stiffness, delay and mode, virtual clock."""
 
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
-from rich.table import Table
-
-from bench.tables import as_markdown, on_screen
+from bench.harness import CaseTable, Options, worst
+from bench.results import ROOT, Row, Table, table
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
-from cli.demo.measures import Result, measure
+from cli.demo.measures import Result
+from cli.demo.measures import measure as measures_of
 from cli.demo.scenario import ScenarioPlan, play_virtual
 from forcemesh.messages import Mode
-from tools.figures import replace_block
 from tuning.gain_rule import tune
 
-ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "demo.yaml"
 STIFFNESSES_N_M = (5e3, 2e4, 1e5)
 DELAYS_MS = (0, 10, 30)
-MODES: tuple[Literal["position", "orientation", "both"], ...] = get_args(Mode)
+MODES: tuple[Mode, ...] = get_args(Mode)
+MEASURES = {"settling_ms": ".0f", "settling_tau": ".1f", "overshoot_pct": ".1f"}
+CONTACT = {"mode": "", "stiffness_N_m": "g"}
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One cell of the table."""
+    """One release."""
 
     mode: Mode
     stiffness_N_m: float
     delay_ms: int
 
 
-def run(case: Case) -> Result:
-    """Run one case with the documented gain rule."""
-    cell = demo_cell(
-        CELL,
-        DemoOverrides(
-            tilt_deg=DEFAULT_TILT_DEG[case.mode],
-            stiffness_N_m=case.stiffness_N_m,
-            delay_s=case.delay_ms / 1e3,
-        ),
+def row(case: Case) -> Row:
+    """Release with the documented gain rule."""
+    tilt_deg = DEFAULT_TILT_DEG[case.mode]
+    trial = DemoOverrides(
+        tilt_deg=tilt_deg, stiffness_N_m=case.stiffness_N_m, delay_s=case.delay_ms / 1e3
     )
+    cell = demo_cell(CELL, trial)
     plan = ScenarioPlan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
     trace = play_virtual(cell, plan, lambda *_: None)
-    return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
+    return asdict(case) | settled(measures_of(trace, plan, surface_of(cell), tune(cell).tau_s))
 
 
-def results() -> dict[Case, Result]:
-    """Run every case."""
-    cases = [Case(*choice) for choice in product(MODES, STIFFNESSES_N_M, DELAYS_MS)]
-    with ProcessPoolExecutor() as pool:
-        return dict(zip(cases, pool.map(run, cases), strict=True))
+def settled(result: Result) -> Row:
+    """Return the measures of a release; without a settling time it has not settled."""
+    s = result.settling_s
+    return {
+        "settling_ms": None if s is None else 1e3 * s,
+        "settling_tau": None if s is None else s / result.tau_s,
+        "overshoot_pct": result.overshoot_pct,
+    }
 
 
-def rows(found: dict[Case, Result], modes: Sequence[Mode] = MODES) -> list[list[str]]:
-    """Return settling [ms], in tau, and overshoot for every case, a row for mode and stiffness."""
-    return [
-        [
-            f"{mode}, {stiffness:.0f} N/m",
-            *(_cell(found[Case(mode, stiffness, delay_ms)]) for delay_ms in DELAYS_MS),
-        ]
-        for mode, stiffness in product(modes, STIFFNESSES_N_M)
-    ]
+CASES = [Case(*choice) for choice in product(MODES, STIFFNESSES_N_M, DELAYS_MS)]
+ROWS = CaseTable({**CONTACT, "delay_ms": "g", **MEASURES}, CASES, row)
 
 
-HEAD = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
+BY_CONTACT = {
+    **CONTACT,
+    **{f"settling_at_delay_{delay_ms}_ms": ".0f" for delay_ms in DELAYS_MS},
+    "longest_settling_tau": ".1f",
+    "largest_overshoot_pct": ".1f",
+}
 
 
-def table() -> Table:
-    """Measure, and return the table for the terminal."""
-    return on_screen("release from 30 N", HEAD, rows(results()))
+def measure(options: Options) -> dict[str, Table]:
+    """Return every release, and a row for each contact."""
+    rows = ROWS.measured(options)
+    return {"by-contact": table(BY_CONTACT, by_contact(rows)), "rows": ROWS.stored(rows)}
 
 
-def write() -> None:
-    """Measure and write the table into docs/demo.md."""
-    text = as_markdown(HEAD, rows(results()))
-    replace_block(ROOT / "docs" / "demo.md", "settling", text, 'make bench ARGS="settling --write"')
-
-
-def _cell(result: Result) -> str:
-    if result.settling_s is None:
-        return "not settled"
-    taus = result.settling_s / result.tau_s
-    return f"{result.settling_s * 1e3:.0f} ms, {taus:.1f} tau, {result.overshoot_pct:.1f} %"
+def by_contact(rows: Sequence[Row]) -> Iterator[Row]:
+    """Yield the settling of a contact with each delay, and the worst of them."""
+    for mode, k in dict.fromkeys((each["mode"], each["stiffness_N_m"]) for each in rows):
+        ours = [each for each in rows if (each["mode"], each["stiffness_N_m"]) == (mode, k)]
+        yield {
+            "mode": mode,
+            "stiffness_N_m": k,
+            **{f"settling_at_delay_{row['delay_ms']}_ms": row["settling_ms"] for row in ours},
+            "longest_settling_tau": worst(each["settling_tau"] for each in ours),
+            "largest_overshoot_pct": worst(each["overshoot_pct"] for each in ours),
+        }

@@ -1,4 +1,4 @@
-"""Force while processes stand still, on the virtual clock: `python -m bench stalls`.
+"""Force while processes stand still, on the virtual clock.
 
 The arm presses on the plate. It releases by a set point of zero, or is stopped and started again
 with that set point; then the request falls into a stall. From shortly before the touch on, one
@@ -9,15 +9,12 @@ each topic.
 
 import random
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from math import hypot
-from pathlib import Path
 
-from rich.table import Table
-
-from bench.tables import as_markdown, on_screen
+from bench.harness import QUICK_STEP, Options
+from bench.results import ROOT, Table, table
 from cli.demo.cell import DemoOverrides, demo_cell
 from common.bus.configured_cell import ConfiguredCell
 from common.runtime.service import Runner
@@ -25,9 +22,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
 from forcemesh.messages import OPERATIONAL, Law
 from launch.virtual_cell import VirtualCell
-from tools.figures import replace_block
 
-ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "demo.yaml"
 SEEDS = 250  # of each case
 SETPOINT_N = 20.0
@@ -44,6 +39,10 @@ PAUSE_S = (0.15, 0.6)  # between two stalls
 START_LEADS_S = (None, None, None, None, -0.006, -0.002, 0.0, 0.012)
 REST_S = 0.3  # between its stop and its start
 MOST_PRESS, MOST_LIFT = 1.3, 0.05  # of the set point
+COLUMNS = {
+    "law": "", "stiffness_N_m": "g", "delay_ms": "g", "runs": "d", "held_or_refused": "d",
+    "largest_press_pct": ".0f", "largest_lift_off_pct": ".1f", "beyond": "d", "met": "",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +52,6 @@ class StallCase:
     law: Law
     stiffness_N_m: float
     delay_ms: float
-
-    def __str__(self) -> str:
-        """Return the case in words."""
-        return f"{self.law}, {self.stiffness_N_m:.0f} N/m, delay {self.delay_ms:g} ms"
 
 
 CASES = [StallCase(law, *contact) for law, contact in product(
@@ -184,32 +179,21 @@ def _run(job: tuple[StallCase, int]) -> StalledRun:
     return play(case, drawn(seed), START_LEADS_S[seed % len(START_LEADS_S)])
 
 
-def rows() -> list[list[str]]:
-    """Run every case with every seed; return a row for each case."""
+def measure(options: Options) -> dict[str, Table]:
+    """Run every case with every seed."""
+    seeds = SEEDS // QUICK_STEP if options.quick else SEEDS
     found = []
-    with ProcessPoolExecutor() as pool:
-        for case in CASES:
-            runs = list(pool.map(_run, [(case, seed) for seed in range(SEEDS)], chunksize=5))
-            found.append([
-                str(case),
-                str(len(runs)),
-                str(sum(run.held for run in runs)),
-                f"{100.0 * max(run.press for run in runs):.0f} %",
-                f"{100.0 * max(run.lift for run in runs):.1f} %",
-                str(sum(not run.is_good for run in runs)),
-            ])  # fmt: skip
-    return found
-
-
-HEAD = ["law and contact", "runs", "held or refused", "largest press", "largest lift-off", "beyond"]
-
-
-def table() -> Table:
-    """Run, and return the table for the terminal."""
-    return on_screen("press and release while processes stand still", HEAD, rows())
-
-
-def write() -> None:
-    """Run, and write the table into docs/realtime.md."""
-    text = as_markdown(HEAD, rows())
-    replace_block(ROOT / "docs" / "realtime.md", "stalls", text, 'make bench ARGS="stalls --write"')
+    for case in CASES:
+        jobs = [(case, seed) for seed in range(seeds)]
+        runs = list(options.pool.map(_run, jobs, chunksize=5))
+        beyond = sum(not run.is_good for run in runs)
+        found.append({
+            **asdict(case),
+            "runs": len(runs),
+            "held_or_refused": sum(run.held for run in runs),
+            "largest_press_pct": 100.0 * max(run.press for run in runs),
+            "largest_lift_off_pct": 100.0 * max(run.lift for run in runs),
+            "beyond": beyond,
+            "met": beyond == 0,
+        })  # fmt: skip
+    return {"cases": table(COLUMNS, found)}

@@ -128,22 +128,21 @@ def force(
     context: Context,
     *,
     quick: Annotated[bool, Option("--quick", help="A few cases: about a minute.")] = False,
-    short: Annotated[bool, Option("--short", help="Fewer cases: a third of the time.")] = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
-    write: Annotated[bool, Option("--write", help="Write docs/force.md.")] = False,
+    write: Annotated[bool, Option("--write", help="Store docs/results/force.json and write docs/force.md.")] = False,
 ) -> None:
     """Benchmark how the laws release, hold, approach and track a force, against other laws.
 
-    Simulates its own cell in virtual time. Other options are passed to `python -m bench.force`.
+    Simulates its own cell in virtual time. Other options are passed to `python -m bench force`.
     """
-    flags = {"--quick": quick, "--short": short, "--json": as_json, "--write": write}
+    flags = {"--quick": quick, "--json": as_json, "--write": write}
     chosen = [name for name, is_chosen in flags.items() if is_chosen]
     if not (ROOT / "bench" / "force").is_dir():
-        text = "bench.force not found: the benchmarks need a checkout of the project"
+        text = "bench not found: the benchmarks need a checkout of the project"
         exit_with_error(f"{text}, `git clone` it and `make setup`")
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    command = [sys.executable, "-m", "bench.force", *chosen, *context.args]
+    command = [sys.executable, "-m", "bench", "force", *chosen, *context.args]
     try:
         code = subprocess.run(command, env=environment, check=False).returncode
     except KeyboardInterrupt:

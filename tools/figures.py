@@ -23,7 +23,7 @@ import yaml
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "docs" / "figures.yaml"
 BLOCK = re.compile(
-    r"<!-- measured (?P<name>[\w-]+) by `(?P<command>[^`]+)` at (?P<commit>\w+), (?P<day>[-\d]+), "
+    r"<!-- measured (?P<name>[\w.-]+) by `(?P<command>[^`]+)` at (?P<commit>\w+), (?P<day>[-\d]+), "
     r"check (?P<sum>\w+) -->\n(?P<text>.*?)\n<!-- end of (?P=name) -->",
     re.DOTALL,
 )

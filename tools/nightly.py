@@ -47,9 +47,9 @@ PARTS = {
     "chaos-clocks": Part("tests.chaos.clocks", 1),
     "hazards": Part("tests.hazards --journal out/nightly/hazards.jsonl", 20),
     "soak": Part("tests.chaos.soak", 11),
-    "soak-sensor": Part("bench.sensor_soak", 11),
+    "soak-sensor": Part("bench sensor-soak", 11),
     "hostile": Part("tools.hostile --up", 10),
-    "chain": Part("bench.chain --check --rounds 3 --seconds 6", 5),
+    "chain": Part("bench chain --quick", 5),
     "flips": Part(
         f"{PYTEST} -n auto -m long tests/contract/test_abuse_reports.py", 40, {"EVERY_FLIP": "1"}
     ),

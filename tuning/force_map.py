@@ -6,7 +6,7 @@ polynomial of second degree in normalised features of a job,
     ln(value / model) = sum_i c_i z_i + sum_ij c_ij z_i z_j,    z_0 = 1
 
 with its width w from cross-validation: value exp(-w) .. value exp(w) contained the stated share of
-the measured jobs that a fit had not seen. `make bench-forecast ARGS=--map` measures it.
+the measured jobs that a fit had not seen. `python -m bench.forecast.fit` measures it.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from common.motion.frames import Array
 from forcemesh.errors import DataError
 
 FILE = Path(__file__).with_name("force_map.json")
-REMEDY = "make it again: make bench-forecast ARGS=--map"
+REMEDY = "make it again: python -m bench.forecast.fit"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Measured range of the laws: loop rate, delay and contact stiffness. Data.
 
-Releases from 30 N in the bench (`World` of bench/force); no contact of a row overshot by more than
+Releases from 30 N in the bench (bench/force); no contact of a row overshot by more than
 5 %.
 
 Adaptive law: each row is the slowest loop, the longest delay and the softest contact. At 15 and
@@ -43,7 +43,7 @@ class SegmentRange(NamedTuple):
     force_rate_N_s: float  # stiffness times approach speed
 
 
-# Force control over TCP: the table "What a slow loop bears" of docs/over-tcp.md.
+# Force control over TCP: the table `bears` of docs/results/over-tcp.json.
 SEGMENTS = (
     SegmentRange(0.016, 1e5, 112.0),
     SegmentRange(0.020, 1e5, 112.0),

@@ -7,9 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from time import thread_time_ns
+
+from sim.robot.arm import SimArm
+from sim.robot.engine import mujoco
+from sim.robot.settings import SimSettings
 
 TICKS_HZ = os.sysconf("SC_CLK_TCK")
 SWITCHES = ("voluntary_ctxt_switches:", "nonvoluntary_ctxt_switches:")
+ROUNDS, TICKS = 20, 500
+PRESS_N = 20.0
 Threads = dict[str, tuple[float, int]]  # name and number: processor time [s], wake-ups
 
 
@@ -77,3 +84,24 @@ def _spin() -> None:
     while os.getppid() == parent:  # a bench that was killed leaves no loops
         for _ in range(1_000_000):
             pass
+
+
+def engine_us() -> float:
+    """Return the time of MuJoCo's own steps in a tick of a pressing arm, in the best round [us]."""
+    arm = SimArm(SimSettings(delay_s=0.0), seed=0)
+    settings, T = arm.settings, arm.T_base_flange
+    T.translation[2] -= settings.gap_m + PRESS_N / settings.stiffness_N_m
+    found = arm.kinematics.solve(T, arm.q, jump_rad=1.0)
+    if found.q is None:
+        raise ValueError(found.reason)
+    arm.command_joints(found.q)
+    for _ in range(TICKS):
+        arm.step()
+    rounds_us = []
+    for _ in range(ROUNDS):
+        start_ns = thread_time_ns()
+        for _ in range(TICKS):
+            mujoco.mj_step1(arm.model, arm.data)
+            mujoco.mj_step2(arm.model, arm.data)
+        rounds_us.append((thread_time_ns() - start_ns) / TICKS / 1e3)
+    return min(rounds_us)

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.force.laws import Make
 from bench.force.measures import means
 from bench.force.rig import ForceRig, SceneSettings
-from bench.force.stage import Make, Measures
+from bench.results import Row
 from common.motion.frames import Array
 from sim.robot.settings import TICK_S
 
@@ -18,7 +19,7 @@ WALL_M, LEAN_S, BACK_S, END_S = 0.005, 0.4, 1.2, 2.2
 HandMotion = Callable[[float], tuple[Array, Array]]  # of the hand since the grip [m], [m/s]
 
 
-def guide(world: SceneSettings, make: Make) -> Measures:
+def guide(world: SceneSettings, make: Make) -> Row:
     """A hand pulls the free tool at 30 mm/s."""
     velocity_m_s = np.array([0.0, HAND_M_S, 0.0])
     rig = ForceRig(replace(world, gap_m=0.05).cell())
@@ -29,7 +30,7 @@ def guide(world: SceneSettings, make: Make) -> Measures:
     return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
 
 
-def guide_to_a_wall(world: SceneSettings, make: Make) -> Measures:
+def guide_to_a_wall(world: SceneSettings, make: Make) -> Row:
     """A hand guides the tool down against the plate, presses, and guides it up again."""
     down = np.array([0.0, 0.0, -HAND_M_S])
     rig = ForceRig(replace(world, gap_m=WALL_M).cell())

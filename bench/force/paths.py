@@ -6,59 +6,56 @@ differs only in that a law with a predictor foresees the height by itself.
 """
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
-from math import nan
 
 import numpy as np
 import pinocchio as pin
 
+from bench.force.laws import HOLD_N, KNOWN_K, AnyLaw, LawRunner, law_input, law_of
 from bench.force.measures import means
-from bench.force.peers import Admittance, Fdcc
-from bench.force.pilots import LawRunner
-from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
-from bench.force.run import Row
-from bench.force.settle import true_tau_s
-from bench.force.stage import HOLD_N, adaptive, tuned_plain
+from bench.force.requirements import requirement
+from bench.force.rig import ForceRig, LawSample, SceneSettings
+from bench.harness import CaseTable, Options, worst
+from bench.results import Row, Table, table
 from common.motion.convert import vec3
 from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
+from services.regulator.law import LawMotion, back_calculate, start_at
 from services.regulator.path_curve import PathCurve
 from services.regulator.path_request import turn_limits
 from services.regulator.pose_path import PosePath, path_start
 from tuning.gain_rule import tune
 
 SURFACES = ("plane", "cylinder", "hemisphere")
-SPEEDS_M_S, STIFFNESSES_N_M, LOOPS_HZ = (0.005, 0.02, 0.05), (5e3, 2e4, 1e5), (250.0, 60.0, 30.0)
-LAWS = ("adaptive", "plain, known k", "admittance, known k", "FDCC-like, known k")
+SPEEDS_MM_S, STIFFNESSES_N_M, LOOPS_HZ = (5.0, 20.0, 50.0), (5e3, 2e4, 1e5), (250.0, 60.0, 30.0)
 TILT_DEG, RADIUS_M, DISC_RADIUS_M = 8.0, 0.08, 0.01
 LENGTH_M, POSES = 0.04, 25  # out, and back again
 OFF_M, OFF_RAD = (0.001, 0.001, 0.001), np.radians(2.0)  # of the program, at its start and about y
 ACCEL_M_S2 = 0.3
-PROMISED = (0.02, 2e4, 250.0)  # speed, stiffness and loop that are promised
-PEER_TIME_S = 0.01  # second parameter of both peers
+PROMISED = (20.0, 2e4, 250.0)  # speed, stiffness and loop that are promised
+MEAN_N, WORST_SHARE = 0.3, 2.0  # promised there
 REACHED_S, LONGEST_S, COUNTED_FROM_S = 2.0, 25.0, 1.0
 MOST_M_S = 0.15  # of force control and path together
 NO_GAINS = PiGains.of(tune(SceneSettings().cell()).gains)  # the path uses none
 PRESS_ONLY = (False, False, True, False, False, False)
+MEASURES = dict.fromkeys(("mean_error_N", "worst_press_share", "missed_mm", "aside_mm"), ".2f")
 
 
 @dataclass(frozen=True, slots=True)
-class PathScene:
-    """One law on one path."""
+class PathCase:
+    """One law at a speed, on each surface."""
 
     law: str
-    surface: str
-    speed_m_s: float
-    world: SceneSettings
+    speed_mm_s: float
+    stiffness_N_m: float
+    loop_hz: float
 
 
 class OnPath:
     """A law whose tool also moves along a path; without a path it only presses."""
 
-    def __init__(self, law: LawRunner | Admittance | Fdcc, rig: ForceRig) -> None:
+    def __init__(self, law: AnyLaw, rig: ForceRig) -> None:
         """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
         self.law, self._motion = law, start_at(rig.T_base_tcp)
         curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_limits(rig.cell))
@@ -66,6 +63,8 @@ class OnPath:
         self.path = PosePath(curve, in_contact=True, predicts=predicts)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)
         law.setpoint_N = HOLD_N
+        if isinstance(law, LawRunner):
+            law.presses_only = True
 
     def begin(self, poses: Sequence[pin.SE3], speed_m_s: float) -> None:
         """Begin a path that leads to its first pose and on."""
@@ -73,19 +72,15 @@ class OnPath:
         curve = replace(self.path.curve, T_joined=T_start, feed_m_s=speed_m_s)
         self.path = replace(self.path, curve=curve.extended(poses, 0.0))
 
-    def step(self, law_sample: LawSample) -> pin.SE3:
+    def step(self, sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        T_before = law_sample.T_let_through
-        if law_sample.limited:
-            self._motion = back_calculate(self._motion, T_before)
-        motion = self._pressed(law_sample)
+        if sample.limited:
+            self._motion = back_calculate(self._motion, sample.T_let_through)
+        motion = self._pressed(sample)
         if self.path.pending:
-            sample = LawInput(
-                vec3(law_sample.force_N), vec3(law_sample.torque_Nm), self._task,
-                law_sample.dt_s, NO_GAINS, self._motion, law_sample.T_base_tcp,
-            )  # fmt: skip
-            most_m = MOST_M_S * law_sample.dt_s
-            self.path, motion.T_base_tcp, _ = self.path.follow(sample, motion, most_m)
+            given = law_input(sample, self._task, NO_GAINS, self._motion)
+            most_m = MOST_M_S * sample.dt_s
+            self.path, motion.T_base_tcp, _ = self.path.follow(given, motion, most_m)
         self._motion = motion
         self.law.place(motion.T_base_tcp)
         return motion.T_base_tcp
@@ -106,24 +101,32 @@ class OnPath:
         )
 
 
-def played(scene: PathScene) -> tuple[ForceRig, OnPath, Trace]:
-    """Play one scene; return its rig, its law and what happened on the path."""
-    rig = ForceRig(_world(scene).cell())
+def path_row(case: PathCase) -> Row:
+    """Return the worst of the surfaces."""
+    found = [measures(case, surface) for surface in SURFACES]
+    return asdict(case) | {name: worst(each.get(name) for each in found) for name in MEASURES}
+
+
+def measures(case: PathCase, surface: str) -> Row:
+    """Return the measures on one surface; none where the end of the path was not reached."""
+    changes = (
+        ("sim.surface", surface),
+        ("sim.radius_m", RADIUS_M),
+        ("sim.disc_radius_m", DISC_RADIUS_M),
+    )
+    tilt_deg = TILT_DEG if surface == "plane" else 0.0
+    k_N_m, hz = case.stiffness_N_m, case.loop_hz
+    world = SceneSettings(k_N_m, 10, hz, tilt_deg=tilt_deg, overrides=changes)
+    rig = ForceRig(world.cell())
     rig.press(3.0)
-    pilot = OnPath(_law(scene, rig), rig)
-    rig.run(pilot, REACHED_S if scene.law == "adaptive" else 2.0 * REACHED_S)
-    pilot.begin(list(programmed(rig, scene.surface)), scene.speed_m_s)
+    pilot = OnPath(law_of(case.law, rig), rig)
+    rig.run(pilot, REACHED_S if case.law == "adaptive" else 2.0 * REACHED_S)
+    pilot.begin([*programmed(rig, surface)], case.speed_mm_s / 1e3)
     trace = rig.run(pilot, 0.1)
     while pilot.path.pending and trace.t_s[-1] < LONGEST_S:
         rig.run(pilot, 0.1, trace)
-    return rig, pilot, trace
-
-
-def path_measures(scene: PathScene) -> dict[str, float]:
-    """Return the measures of one scene; NaN where it did not come to the end of its path."""
-    rig, pilot, trace = played(scene)
     if pilot.path.pending:
-        return {"mean_error_N": nan, "worst_press_share": nan, "missed_mm": nan, "aside_mm": nan}
+        return {}
     t, push = np.array(trace.t_s), np.array(trace.push_N)
     across_m = np.array([T.translation[1] for T in trace.T_base_tcp]) - rig.arm.plate.point_m[1]
     return {
@@ -153,53 +156,42 @@ def programmed(rig: ForceRig, surface: str) -> Iterator[pin.SE3]:
         yield pin.SE3(np.eye(3), top_m) * off * T
 
 
-def _world(scene: PathScene) -> SceneSettings:
-    surface: tuple[tuple[str, object], ...] = (
-        ("sim.surface", scene.surface),
-        ("sim.radius_m", RADIUS_M),
-        ("sim.disc_radius_m", DISC_RADIUS_M),
-    )
-    tilt_deg = TILT_DEG if scene.surface == "plane" else 0.0
-    return replace(scene.world, tilt_deg=tilt_deg, overrides=surface)
+ROWS = CaseTable(
+    {"law": "", "speed_mm_s": "g", "stiffness_N_m": "g", "loop_hz": "g", **MEASURES},
+    [
+        PathCase(law, *place)
+        for law, place in product(KNOWN_K, product(SPEEDS_MM_S, STIFFNESSES_N_M, LOOPS_HZ))
+        if law == "adaptive" or place[2] == LOOPS_HZ[0]
+    ],
+    path_row,
+)
+SHOWN = {"error_at_{:g}_N/m_N": "mean_error_N", "worst_press_at_{:g}_N/m": "worst_press_share"}
+PLACES = [name.format(k) for name in SHOWN for k in STIFFNESSES_N_M]
+ADAPTIVE = {"loop_hz": "g", "speed_mm_s": "g", **dict.fromkeys(PLACES, ".2f")}
+REQUIREMENT = {"quantity": "", "limit": "g", "worst_result": ".3g", "met": ""}
 
 
-def _law(scene: PathScene, rig: ForceRig) -> LawRunner | Admittance | Fdcc:
-    if scene.law in {"adaptive", "plain, known k"}:
-        pilot = (adaptive if scene.law == "adaptive" else tuned_plain)(rig)
-        pilot.presses_only = True
-        return pilot
-    cell, world = rig.cell, scene.world
-    known = 0.45 / (world.stiffness_N_m * true_tau_s(world))
-    inertia = 0.5 / (cell.contact.inertia_kg * cell.robot.bandwidth_rad_s)
-    peer = Admittance if scene.law.startswith("admittance") else Fdcc
-    return peer(
-        rig.T_base_tcp, min(known, inertia), PEER_TIME_S, longest_m_s=cell.force.speed_max_m_s
-    )
-
-
-def path_rows(pool: Executor, *, quick: bool) -> list[Row]:
-    """Return our law on every path, and the others where the loop is fast.
-
-    `quick`: one stiffness, speed and loop.
-    """
-    places = [PROMISED] if quick else [*product(SPEEDS_M_S, STIFFNESSES_N_M, LOOPS_HZ)]
-    jobs = [
-        PathScene(law, surface, speed, SceneSettings(k, 10, hz))
-        for law, (speed, k, hz), surface in product(LAWS, places, SURFACES)
-        if law == "adaptive" or hz == LOOPS_HZ[0]
-    ]
-    return list(pool.map(path_row, jobs))
-
-
-def path_row(scene: PathScene) -> Row:
-    """Return one row of the table."""
-    row: Row = {
-        "law": scene.law,
-        "surface": scene.surface,
-        "speed_m_s": scene.speed_m_s,
-        "stiffness_N_m": scene.world.stiffness_N_m,
-        "delay_ms": scene.world.delay_ms,
-        "loop_hz": scene.world.loop_hz,
+def measure(options: Options) -> dict[str, Table]:
+    """Return our law at every place, the others where the loop is fast, and what is promised."""
+    promised = path_row(PathCase("adaptive", *PROMISED))
+    limits = (("mean error, N", MEAN_N, "mean_error_N"),
+              ("worst press / set point", WORST_SHARE, "worst_press_share"))  # fmt: skip
+    required = [requirement(text, limit, promised[name]) for text, limit, name in limits]
+    rows = ROWS.measured(options)
+    return {
+        "requirements": table(REQUIREMENT, required),
+        "adaptive": table(ADAPTIVE, by_loop(rows)),
+        "rows": ROWS.stored(rows),
     }
-    measures = path_measures(scene)
-    return row | {name: None if np.isnan(value) else value for name, value in measures.items()}
+
+
+def by_loop(rows: Sequence[Row]) -> Iterator[Row]:
+    """Yield mean error [N] and worst press of our law, a row for each loop and speed."""
+    ours = [row for row in rows if row["law"] == "adaptive"]
+    for hz, v in product(LOOPS_HZ, SPEEDS_MM_S):
+        these = [r for r in ours if (r["loop_hz"], r["speed_mm_s"]) == (hz, v)]
+        yield {"loop_hz": hz, "speed_mm_s": v} | {
+            shown.format(row["stiffness_N_m"]): row[name]
+            for row in these
+            for shown, name in SHOWN.items()
+        }

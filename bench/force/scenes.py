@@ -1,17 +1,17 @@
 """Scenes other than the release: contact, hold, follow, align, guide, and disturbances."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from bench.force.guided import guide, guide_to_a_wall
+from bench.force.laws import HOLD_N, Make, holding, plain
 from bench.force.measures import energy_mJ, means, settling_s
 from bench.force.rig import ForceRig, SceneSettings, Trace
 from bench.force.settle import true_tau_s
-from bench.force.stage import HOLD_N, Make, Measures, holding, plain
 from bench.force.turning import align, lateral, slide
+from bench.results import Row
 from sim.robot.ft_sensor import FtSample
 
 SLOPE_M_S = 0.02 * float(np.tan(np.radians(10.0)))  # 10 degrees at 20 mm/s across
@@ -20,13 +20,13 @@ STEP_N = 10.0
 SPIKE_N, SPIKE_SHARE = 20.0, 0.01
 
 
-def press(world: SceneSettings, make: Make) -> Measures:
+def press(world: SceneSettings, make: Make) -> Row:
     """From a contact with 3 N to 10 N, then 1 s of holding at rest."""
     rig, pilot, found = holding(world, make)
     still = rig.run(pilot, 1.0)
     settled = settling_s(np.array(found.t_s), np.array(found.push_N) - HOLD_N, 1.0)
     return {
-        "settling_s": float("nan") if settled is None else settled,
+        "settling_s": settled,
         "overshoot_N": _peak(found) - HOLD_N,
         "steady_error_N": _mean_abs(still),
         "ripple_N": float(np.std(still.push_N)),
@@ -34,7 +34,7 @@ def press(world: SceneSettings, make: Make) -> Measures:
     }
 
 
-def touch(world: SceneSettings, make: Make) -> Measures:
+def touch(world: SceneSettings, make: Make) -> Row:
     """From 0.5 mm above the plate to 10 N."""
     rig = ForceRig(replace(world, gap_m=0.0005).cell())
     pilot = make(rig)
@@ -45,7 +45,7 @@ def touch(world: SceneSettings, make: Make) -> Measures:
     settled = settling_s(t, push - HOLD_N, 1.0)
     return {
         "peak_N": _peak(trace),
-        "settling_after_touch_s": float("nan") if settled is None else settled - float(t[first]),
+        "settling_after_touch_s": None if settled is None else settled - float(t[first]),
         "contact_lost": float((means(t, push)[first + 10 :] < 0.5).sum() > 0),
         "energy_mJ": energy_mJ(trace),
     }
@@ -65,7 +65,7 @@ def followed(world: SceneSettings, make: Make, kind: str) -> Trace:
     return rig.run(pilot, 6.0)
 
 
-def follow(world: SceneSettings, make: Make, kind: str) -> Measures:
+def follow(world: SceneSettings, make: Make, kind: str) -> Row:
     """Hold 10 N on a surface that moves."""
     trace = followed(world, make, kind)
     t, error = np.array(trace.t_s), np.array(trace.push_N) - HOLD_N
@@ -79,7 +79,7 @@ def follow(world: SceneSettings, make: Make, kind: str) -> Measures:
     }
 
 
-def set_point_step(world: SceneSettings, make: Make) -> Measures:
+def set_point_step(world: SceneSettings, make: Make) -> Row:
     """From 10 N to 20 N, as fast as the regulator lets a set point change."""
     rig, pilot, _ = holding(world, make)
     trace = Trace()
@@ -90,13 +90,13 @@ def set_point_step(world: SceneSettings, make: Make) -> Measures:
     rig.run(pilot, 1.5 if make is not plain else 6.0, trace)
     settled = settling_s(np.array(trace.t_s), np.array(trace.push_N) - pilot.setpoint_N, 1.0)
     return {
-        "settling_s": float("nan") if settled is None else settled,
+        "settling_s": settled,
         "overshoot_pct": 100.0 * max(0.0, _peak(trace) - pilot.setpoint_N) / STEP_N,
         "energy_mJ": energy_mJ(trace),
     }
 
 
-def payload_error(world: SceneSettings, make: Make) -> Measures:
+def payload_error(world: SceneSettings, make: Make) -> Row:
     """The tool is 100 g heavier than configured: true force on the plate."""
     rig = ForceRig(world.cell())
     lighter_kg = rig.payload.mass_kg - 0.1
@@ -111,7 +111,7 @@ def payload_error(world: SceneSettings, make: Make) -> Measures:
     return {"true_error_N": abs(float(np.mean(truth)) - HOLD_N)}
 
 
-def spikes(world: SceneSettings, make: Make) -> Measures:
+def spikes(world: SceneSettings, make: Make) -> Row:
     """One sample of the sensor in a hundred is 20 N off."""
     rig = ForceRig(world.cell())
     rig.press(3.0)
@@ -133,7 +133,7 @@ def spikes(world: SceneSettings, make: Make) -> Measures:
     return {"ripple_N": float(np.std(truth))}
 
 
-def wall_vanishes(world: SceneSettings, make: Make) -> Measures:
+def wall_vanishes(world: SceneSettings, make: Make) -> Row:
     """The wall vanishes: travel until the search is as slow as an approach."""
     rig, pilot, _ = holding(world, make)
     rig.arm.plate.point_m[2] -= 0.1
@@ -143,7 +143,7 @@ def wall_vanishes(world: SceneSettings, make: Make) -> Measures:
     return {"travel_mm": 1e3 * (z - lowest)}
 
 
-def ten_times_stiffer(world: SceneSettings, make: Make) -> Measures:
+def ten_times_stiffer(world: SceneSettings, make: Make) -> Row:
     """The contact becomes ten times stiffer while the set point changes from 10 to 20 N."""
     rig, pilot, _ = holding(replace(world, stiffness_N_m=world.stiffness_N_m / 10.0), make)
     plate, springs = rig.arm.plate, rig.arm.plate.springs
@@ -159,26 +159,35 @@ def ten_times_stiffer(world: SceneSettings, make: Make) -> Measures:
     return {
         "peak_N": _peak(trace),
         "peak_bound_N": pilot.setpoint_N + bound_N,
-        "settling_s": float("nan") if settled is None else settled,
+        "settling_s": settled,
         "energy_mJ": energy_mJ(trace),
     }
 
 
-SCENES: dict[str, Callable[[SceneSettings, Make], Measures]] = {
-    "press": press,
-    "touch": touch,
-    "slope": lambda world, make: follow(world, make, "slope"),
-    "sine": lambda world, make: follow(world, make, "sine"),
-    "set point step": set_point_step,
-    "align": align,
-    "lateral": lateral,
-    "slide": slide,
-    "guide": guide,
-    "guide to a wall": guide_to_a_wall,
-    "payload error": payload_error,
-    "spikes": spikes,
-    "wall vanishes": wall_vanishes,
-    "ten times stiffer": ten_times_stiffer,
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A scene and the names of its measures."""
+
+    play: Callable[[SceneSettings, Make], Row]
+    measures: str
+
+
+FOLLOWED = "mean_error_N onset_of_k_v_tau contact_lost energy_mJ"
+SCENES = {
+    "press": Scene(press, "settling_s overshoot_N steady_error_N ripple_N energy_mJ"),
+    "touch": Scene(touch, "peak_N settling_after_touch_s contact_lost energy_mJ"),
+    "slope": Scene(lambda world, make: follow(world, make, "slope"), FOLLOWED),
+    "sine": Scene(lambda world, make: follow(world, make, "sine"), FOLLOWED),
+    "set-point-step": Scene(set_point_step, "settling_s overshoot_pct energy_mJ"),
+    "align": Scene(align, "misalignment_deg time_to_1_deg_s force_off_N"),
+    "lateral": Scene(lateral, "normal_error_N sideways_left_N"),
+    "slide": Scene(slide, "mean_error_N peak_error_N friction_N misalignment_deg contact_lost"),
+    "guide": Scene(guide, "hand_N hand_peak_N"),
+    "guide-to-a-wall": Scene(guide_to_a_wall, "peak_N leaning_N ripple_N came_back_mm"),
+    "payload-error": Scene(payload_error, "true_error_N"),
+    "spikes": Scene(spikes, "ripple_N"),
+    "wall-vanishes": Scene(wall_vanishes, "travel_mm"),
+    "ten-times-stiffer": Scene(ten_times_stiffer, "peak_N peak_bound_N settling_s energy_mJ"),
 }
 
 
@@ -191,5 +200,4 @@ def _mean_abs(trace: Trace) -> float:
 
 
 def _true_N(rig: ForceRig) -> float:
-    T: pin.SE3 = rig.arm.T_base_tcp
-    return -float(rig.arm.true_wrench().force_N @ T.rotation[:, 2])
+    return -float(rig.arm.true_wrench().force_N @ rig.arm.T_base_tcp.rotation[:, 2])

@@ -1,15 +1,15 @@
 """Release from 30 N to zero: first contact with unknown stiffness, and with it identified."""
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
+from bench.force.laws import LawRunner, adaptive
 from bench.force.measures import IGNORED_S, means, settling_s
-from bench.force.pilots import LawRunner
 from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
-from common.config.cell import CellConfig
 
 PRESS_N, BAND_N = 30.0, 1.0
 STIFFNESSES_N_M = (1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5)
@@ -17,6 +17,7 @@ DELAYS_MS = (0, 10, 30, 60)
 CHUNK_S, ENOUGH_S = 0.1, 0.4  # the end of a run: so long within the band
 LONGEST_S = 3.0
 LONGEST_TAUS = 15.0
+KI_CAP = 5e-3  # largest integral gain of the adaptive law on soft contacts [m/(N s)]
 
 
 class Presser(Protocol):
@@ -35,7 +36,6 @@ class Release:
     settling_s: float | None
     overshoot_pct: float  # true lift-off times stiffness, of the step
     tau_s: float  # true
-    stiffness_ratio: float = 0.0  # estimated stiffness, relative to the true one
 
     @property
     def taus(self) -> float | None:
@@ -54,7 +54,7 @@ def release(
     world: SceneSettings,
     longest_s: float = LONGEST_S,
     *,
-    most_overshoot_pct: float = float("inf"),
+    most_overshoot_pct: float = inf,
 ) -> Release:
     """Let a law reduce the force to zero; end early on excessive lift-off."""
     pilot.setpoint_N = 0.0
@@ -78,13 +78,16 @@ def _overshoot_pct(trace: Trace, world: SceneSettings) -> float:
     return 100.0 * float(lifted_m.max(initial=0.0)) * world.stiffness_N_m / PRESS_N
 
 
-def ours(world: SceneSettings) -> tuple[Release, Release]:
-    """Return first contact and, after pressing again, a release with identified stiffness."""
-    cell = world.cell()
-    rig = ForceRig(cell)
+def ours(world: SceneSettings) -> tuple[Release, Release, float]:
+    """Return the release at first contact, one with identified stiffness, and its estimate.
+
+    The estimate is relative to the true stiffness; the tool presses again between the releases.
+    """
+    rig = ForceRig(world.cell())
     rig.press(PRESS_N)
-    pilot = LawRunner("adaptive", cell, rig.T_base_tcp, rig.arm.T_base_tcp)
-    longest_s = max(1.0, LONGEST_TAUS * true_tau_s(world), 8.0 / (5e-3 * world.stiffness_N_m))
+    pilot = adaptive(rig)
+    soft_s = 1.0 / (KI_CAP * world.stiffness_N_m)
+    longest_s = max(1.0, LONGEST_TAUS * true_tau_s(world), 8.0 * soft_s)
     first = release(rig, pilot, world, longest_s)
     for setpoint_N in (0.5 * PRESS_N, PRESS_N):
         pilot.setpoint_N = setpoint_N
@@ -92,18 +95,13 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
             rig.run(pilot, 0.1)
             if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
                 break
-        rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
+        rig.run(pilot, 0.3 + 2.0 * soft_s)
     stiffness_ratio = float(pilot.state.k_N_m[2]) / world.stiffness_N_m
-    identified = release(rig, pilot, world, longest_s)
-    return first, Release(
-        identified.settling_s, identified.overshoot_pct, identified.tau_s, stiffness_ratio
-    )
+    return first, release(rig, pilot, world, longest_s), stiffness_ratio
 
 
 def plain(world: SceneSettings, gain_m_per_Ns: float, longest_s: float = 20.0) -> Release:
     """Return the same with the PI law at a fixed gain."""
-    cell: CellConfig = world.cell()
-    rig = ForceRig(cell)
+    rig = ForceRig(world.cell())
     rig.press(PRESS_N)
-    pilot = LawRunner("plain", cell, rig.T_base_tcp, gain_m_per_Ns=gain_m_per_Ns)
-    return release(rig, pilot, world, longest_s)
+    return release(rig, LawRunner(rig, "plain", gain_m_per_Ns), world, longest_s)

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.force.laws import HOLD_N, Make, holding
 from bench.force.measures import means
 from bench.force.rig import ForceRig, SceneSettings
-from bench.force.stage import HOLD_N, Make, Measures, holding
+from bench.results import Row
 
 SLIDE_M_S, SLIDE_S, SLIDE_TILT_DEG = 0.02, 1.5, 3.0
 
 
-def align(world: SceneSettings, make: Make) -> Measures:
+def align(world: SceneSettings, make: Make) -> Row:
     """Alignment of a face from 10 degrees in mode both, at 10 N."""
     rig = ForceRig(replace(world, tilt_deg=10.0).cell())
     rig.press(3.0)
@@ -30,7 +31,7 @@ def align(world: SceneSettings, make: Make) -> Measures:
     }
 
 
-def lateral(world: SceneSettings, make: Make) -> Measures:
+def lateral(world: SceneSettings, make: Make) -> Row:
     """Mode both at 10 N while a lateral force of 3 N acts on the tool."""
     rig, pilot, _ = holding(world, make)
     pilot.mode = "both"
@@ -44,7 +45,7 @@ def lateral(world: SceneSettings, make: Make) -> Measures:
     return {"normal_error_N": off, "sideways_left_N": float(np.abs(sideways[t > 1.5]).mean())}
 
 
-def slide(world: SceneSettings, make: Make) -> Measures:
+def slide(world: SceneSettings, make: Make) -> Row:
     """Mode both at 10 N, moved 30 mm at 20 mm/s over a plate with friction, tilted 3 degrees.
 
     The disc lies flat before it is moved, uphill; the first 0.3 s, in which friction builds up, are

@@ -1,13 +1,21 @@
-"""Fits of the forecast map to measured jobs, with their width from cross-validation. Pure."""
+"""The forecast map: `python -m bench.forecast.fit` measures and prints it.
 
+Fits to measured jobs, with their width from cross-validation. The map that arming warns by is the
+packaged tuning/force_map.json; this one is compared with it and put in its place by a person.
+"""
+
+import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from math import isfinite, log
 from typing import Any
 
 import numpy as np
 
-from bench.forecast.jobs import SLOPE_DEG, DrawnJob, Happened
+from bench.forecast.jobs import LAWS, SLOPE_DEG, DrawnJob, Happened, drawn, run
+from bench.results import measured_now
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from tuning.force_map import check_value, terms
@@ -16,6 +24,7 @@ from tuning.forecast import (
     RANGED,
     SURFACE,
     ForceJob,
+    coordinates,
     features,
     inertia_share,
     models,
@@ -34,6 +43,8 @@ FEATURES = {
         *("accel_m_s2", "inertia_kg_s", "surface_N", "loop_gain", "slowness"),
     ),
 }
+COMMAND = "python -m bench.forecast.fit"
+MAP_SEED, MAP_JOBS = 101, 1500  # of each law
 FOLDS = 10
 SHARE = 0.99  # of the jobs that a fit has not seen, within its width
 EDGE = 1.03  # ranges are rounded outwards by this: draws do not reach the edges
@@ -62,6 +73,12 @@ def force_job(job: DrawnJob) -> ForceJob:
     return ForceJob(
         job.setpoint_N, job.stiffness_N_m, job.law, feed_m_s=job.feed_m_s, slope_deg=SLOPE_DEG
     )
+
+
+def map_jobs(law: str, count: int) -> list[DrawnJob]:
+    """Return the jobs of a law's map: those of the draw whose contact the law claims."""
+    draw = islice(drawn((law,), MAP_SEED), count)
+    return [job for job in draw if in_measured_range(job.cell(), job)]
 
 
 def in_measured_range(cell: CellConfig, job: DrawnJob) -> bool:
@@ -144,7 +161,23 @@ def rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def stamped(laws: Mapping[str, Any], made: Mapping[str, object]) -> dict[str, Any]:
-    """Return the tree of the map's file with its check value."""
-    tree = {**made, "laws": dict(laws)}
+def force_map(pool: Executor) -> dict[str, Any]:
+    """Return the tree of the map's file with its stamp and check value."""
+    laws = {}
+    for law in LAWS:
+        jobs = map_jobs(law, MAP_JOBS)
+        happened = pool.map(run, jobs, chunksize=8)
+        rows = [
+            Measured(job, coordinates(job.cell(), force_job(job)), each)
+            for job, each in zip(jobs, happened, strict=True)
+        ]
+        laws[law] = law_map(rows)
+    stamp = measured_now("force-map", COMMAND, {})
+    made = {"command": COMMAND, "commit": stamp.commit, "day": stamp.date, "seed": MAP_SEED}
+    tree = {**made, "laws": laws}
     return tree | {"check": check_value(tree)}
+
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor() as processes:
+        print(json.dumps(force_map(processes), indent=1))

@@ -11,13 +11,14 @@ from math import inf
 
 import numpy as np
 
+from bench.force.laws import LawRunner
 from bench.force.measures import means
-from bench.force.pilots import LawRunner
 from bench.force.rig import CELL, ForceRig, Trace
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from tuning.gain_rule import tune
 
+LAWS = ("adaptive", "plain")
 GAP_M = 0.0005
 TOUCH_N = 1.0  # mean force of the first touch
 BAND_N = 1.0  # of settling
@@ -120,7 +121,7 @@ def drawn(laws: Sequence[str], seed: int) -> Iterator[DrawnJob]:
 def run(job: DrawnJob) -> Happened:
     """Run a job on the simulated arm."""
     rig = ForceRig(job.cell())
-    pilot = LawRunner(job.law, rig.cell, rig.T_base_tcp, rig.arm.T_base_tcp)
+    pilot = LawRunner(rig, job.law)
     pilot.setpoint_N = job.setpoint_N
     pressed = _press(rig, pilot, job.setpoint_N)
     t, push = np.array(pressed.t_s), np.array(pressed.push_N)

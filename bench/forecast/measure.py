@@ -1,20 +1,35 @@
-"""The forecast map measured, and forecasts compared with what happens."""
+"""Forecasts of drawn jobs, compared with what happens."""
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import islice
+from statistics import median
 
-from bench.forecast.fit import Measured, force_job, in_measured_range
-from bench.forecast.jobs import DrawnJob, Happened, drawn, run
+from bench.forecast.fit import force_job
+from bench.forecast.jobs import LAWS, DrawnJob, Happened, drawn, run
+from bench.harness import QUICK_STEP, Options
+from bench.results import Row, Table, table
 from forcemesh.errors import DataError
 from tuning.force_map import Interval
-from tuning.forecast import ForceForecast, coordinates, forecast
+from tuning.forecast import ForceForecast, forecast
 
-LAWS = ("adaptive", "plain")
-MAP_SEED, MAP_JOBS = 101, 1500  # of each law
 JOBS_SEED, JOBS = 23, 200
-QUANTITIES = ("settling_s", "peak_N", "follow_error_N")
+LEAST_CONTAINED_PCT = 90.0
+QUANTITIES = {
+    "settling_s": "settling after touch",
+    "peak_N": "peak of the press",
+    "follow_error_N": "largest error on the slope",
+}
+NUMBER = re.compile(r"\d[\d.]*(?:e[+-]\d+)?")
+SHARES = {
+    "law": "", "quantity": "", "jobs": "d", "contained_pct": ".1f", "least_pct": "g", "met": "",
+    "median_high_to_low": ".2f", "largest_high_to_low": ".2f",
+}  # fmt: skip
+MISSED = {
+    "law": "", "stiffness_N_m": ".3g", "delay_ms": "g", "loop_hz": ".0f", "setpoint_N": ".1f",
+    "feed_mm_s": ".0f", "quantity": "", "low": ".3g", "high": ".3g", "happened": ".3g",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +40,14 @@ class Compared:
     forecast: ForceForecast
     happened: Happened
 
+    def interval(self, quantity: str) -> Interval:
+        """Return the forecast of a quantity."""
+        found: Interval = getattr(self.forecast, quantity)
+        return found
+
     def contains(self, quantity: str) -> bool:
         """Return whether the forecast of a quantity contains what happened."""
-        return interval_of(self.forecast, quantity).contains(getattr(self.happened, quantity))
+        return self.interval(quantity).contains(getattr(self.happened, quantity))
 
     @property
     def contains_all(self) -> bool:
@@ -39,54 +59,83 @@ class Compared:
 class Drawn:
     """Jobs with a forecast of each quantity, and why others were not forecast."""
 
-    jobs: tuple[tuple[DrawnJob, ForceForecast], ...]
-    refused: tuple[str, ...]
-
-
-def interval_of(found: ForceForecast, quantity: str) -> Interval:
-    """Return the interval of one quantity, which the forecast covers."""
-    interval: Interval = getattr(found, quantity)
-    return interval
-
-
-def map_jobs(law: str, count: int) -> list[DrawnJob]:
-    """Return the jobs of a law's map: those of the draw whose contact the law claims."""
-    draw = islice(drawn((law,), MAP_SEED), count)
-    return [job for job in draw if in_measured_range(job.cell(), job)]
-
-
-def measured(jobs: Sequence[DrawnJob], pool: Executor) -> Iterator[Measured]:
-    """Run jobs and yield them with their coordinates."""
-    for job, happened in zip(jobs, pool.map(run, jobs, chunksize=8), strict=True):
-        yield Measured(job, coordinates(job.cell(), force_job(job)), happened)
+    jobs: list[tuple[DrawnJob, ForceForecast]]
+    refused: list[str]
 
 
 def forecast_jobs(count: int, seed: int) -> Drawn:
     """Draw jobs until so many have a forecast of each quantity."""
-    jobs, refused = list[tuple[DrawnJob, ForceForecast]](), list[str]()
+    found = Drawn([], [])
     for job in drawn(LAWS, seed):
         try:
-            found = forecast(job.cell(), force_job(job))
+            forecast_ = forecast(job.cell(), force_job(job))
         except DataError as error:
-            refused.append(str(error))
+            found.refused.append(str(error))
             continue
-        if found.not_followed:
-            refused.append(found.not_followed)
+        if forecast_.not_followed:
+            found.refused.append(forecast_.not_followed)
             continue
-        jobs.append((job, found))
-        if len(jobs) == count:
+        found.jobs.append((job, forecast_))
+        if len(found.jobs) == count:
             break
-    return Drawn(tuple(jobs), tuple(refused))
+    return found
 
 
-def compared(draw: Drawn, pool: Executor) -> list[Compared]:
-    """Run the jobs of a draw."""
-    jobs = [job for job, _ in draw.jobs]
-    happened = pool.map(run, jobs, chunksize=4)
-    return [Compared(*pair, each) for pair, each in zip(draw.jobs, happened, strict=True)]
+def measure(options: Options) -> dict[str, Table]:
+    """Run the drawn jobs."""
+    draw = forecast_jobs(JOBS // QUICK_STEP if options.quick else JOBS, JOBS_SEED)
+    happened = options.pool.map(run, [job for job, _ in draw.jobs], chunksize=4)
+    rows = [Compared(*pair, each) for pair, each in zip(draw.jobs, happened, strict=True)]
+    kinds = Counter(NUMBER.sub("x", text).split(":")[0] for text in draw.refused)
+    refused = [{"reason": reason, "draws": count} for reason, count in kinds.most_common()]
+    return {
+        "shares": table(SHARES, shares(rows)),
+        "refused": table({"reason": "", "draws": "d"}, refused),
+        "missed": table(MISSED, missed(rows)),
+    }
+
+
+def shares(rows: Sequence[Compared]) -> Iterator[Row]:
+    """Yield the contained shares and the widths of each law and of all."""
+    for law in ("all", *dict.fromkeys(row.job.law for row in rows)):
+        these = [row for row in rows if law in ("all", row.job.law)]
+        for quantity, name in QUANTITIES.items():
+            intervals = [row.interval(quantity) for row in these]
+            widths = [interval.high / interval.low for interval in intervals]
+            yield {
+                "law": law,
+                "quantity": name,
+                "jobs": len(these),
+                "contained_pct": 100.0 * contained_share(these, quantity),
+                "median_high_to_low": median(widths),
+                "largest_high_to_low": max(widths),
+            }
+        pct = 100.0 * contained_share(these)
+        required = {"least_pct": LEAST_CONTAINED_PCT, "met": pct >= LEAST_CONTAINED_PCT}
+        each = {"law": law, "quantity": "each of them", "jobs": len(these), "contained_pct": pct}
+        yield each | (required if law == "all" else {})
 
 
 def contained_share(rows: Sequence[Compared], quantity: str = "") -> float:
     """Return the share of jobs whose forecast of a quantity, or of each, contains what happened."""
-    inside = [row.contains(quantity) if quantity else row.contains_all for row in rows]
-    return sum(inside) / len(rows)
+    return sum(r.contains(quantity) if quantity else r.contains_all for r in rows) / len(rows)
+
+
+def missed(rows: Sequence[Compared]) -> Iterator[Row]:
+    """Yield the forecasts that do not contain what happened."""
+    for row in rows:
+        for quantity, name in QUANTITIES.items():
+            if not row.contains(quantity):
+                job, interval = row.job, row.interval(quantity)
+                yield {
+                    "law": job.law,
+                    "stiffness_N_m": job.stiffness_N_m,
+                    "delay_ms": job.delay_ms,
+                    "loop_hz": 1e3 / job.period_ms,
+                    "setpoint_N": job.setpoint_N,
+                    "feed_mm_s": 1e3 * job.feed_m_s,
+                    "quantity": name,
+                    "low": interval.low,
+                    "high": interval.high,
+                    "happened": getattr(row.happened, quantity),
+                }

@@ -12,7 +12,7 @@ from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5
 # Links of one certificate. Further subscriptions of one link cost the hub nothing, each further
-# link that subscribes to everything does (docs/network.md; `python -m bench subscriptions`).
+# link that subscribes to everything does (docs/results/subscriptions.json).
 MOST_LINKS = 4
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.payload_worlds import CellErrors, attitudes, read, truth
+from bench.payload import CellErrors, attitudes, read, truth
 from common.config.payload import Payload
 from common.motion.frames import Array, Oat, R_from_oat, quaternion_from_R
 from identification.installation.terms import ExpectedInstallation, InstallationFinding

@@ -55,8 +55,8 @@ def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffnes
 def test_the_main_job_settles_through_the_program_that_users_load(tcp_cell_file, start):
     """Gateway, TCP, emulated controller with the shipped forcemesh.as: force goes to zero.
 
-    Force feedback runs in the controller; host pc and the other combinations are in `make bench-
-    tcp`.
+    Force feedback runs in the controller; host pc and the other combinations are in `make
+    bench ARGS=over-tcp`.
     """
     demo = start(*demo_words(tcp_cell_file, "--host", "controller"))
     out, err = demo.communicate(timeout=2 * PATIENCE_S)

@@ -9,15 +9,16 @@ import pytest
 
 from bench.chain import bare
 from bench.chain.cell import CellRun
-from bench.chain.compare import KINDS, Case, Comparison
+from bench.chain.compare import CASE, CHAINS, Case, Comparison, limits
 from bench.chain.load import Load, _threads, measured
-from bench.chain.page import page
+from bench.chain.steps import PARTS, times_us
+from bench.results import table
 
 RATE_HZ, DURATION_S = 100.0, 0.5
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CHAINS)
 def test_a_bare_chain_forwards_what_its_source_sends(kind: bare.Kind) -> None:
     """Nearly every message arrives, later than it was sent, and every process has run."""
     times_us, load = bare.run(kind, Case().cell(), RATE_HZ, DURATION_S, realtime=False)
@@ -58,12 +59,24 @@ def test_a_case_in_which_the_arm_held_is_a_row_with_the_reason() -> None:
     """It has no times of the cell; the case before it keeps its own."""
     ages = {stage: {1: 10.0, 2: 30.0} for stage in ("wrench", "regulator", "arbiter", "robot")}
     load = {"one": Load(20.0, 100.0, {"main": 20.0})}
-    bares = {kind: [(np.array([10.0, 20.0]), load)] for kind in KINDS}
+    bares = {kind: [(np.array([10.0, 20.0]), load)] for kind in CHAINS}
     pressed = CellRun(load=load, ages_us=ages)
     usual = Comparison(Case(), [pressed], [], bares, engine_pct=5.0)
     held = Comparison(Case(busy_loops=4), [], ["robot silent"], bares, engine_pct=5.0)
-    rows = [line for line in page([usual, held]).splitlines() if line.startswith("| sensor 500")]
-    assert [line.split("|")[2].strip() for line in rows] == ["15", "held: robot silent"]
-    assert len({line.count("|") for line in rows}) == 1
-    assert held.numbers() == {"case": usual.numbers()["case"] | {"busy_loops": 4},
-                              "held": ["robot silent"]}  # fmt: skip
+    rows = table(CASE, [usual.case_row(), held.case_row()]).records
+    assert [row["processor_core_pct"] for row in rows] == [15, None]
+    assert [row["held"] for row in rows] == ["", "robot silent"]
+    assert [row["cpu_ratio"] for row in rows] == [0.75, None]
+
+
+def test_a_ratio_above_its_limit_is_not_met() -> None:
+    """Processor time has a limit of its own."""
+    found = limits({"cpu_ratio": 3.7, "p50_ratio": 1.0, "p99_ratio": 3.2})
+    assert [each["met"] for each in found] == [False, True, True]
+
+
+def test_the_time_of_a_step_is_that_of_the_service_alone() -> None:
+    """Every part has steps; the simulated robot's are without MuJoCo's."""
+    steps_us, loops_us = times_us(PARTS["simulated robot, without MuJoCo"], 0.05)
+    assert len(steps_us) == len(loops_us) > 10
+    assert min(steps_us) > 0.0

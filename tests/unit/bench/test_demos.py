@@ -9,7 +9,17 @@ import threading
 import pytest
 
 from bench import demos
-from bench.demos import A_USERS, CASES, ROOTS_OWN, DemoCase, DemoResults, other_work, play
+from bench.demos import (
+    A_USERS,
+    CASES,
+    ROOTS_OWN,
+    DemoCase,
+    DemoResults,
+    LongPress,
+    building,
+    play,
+)
+from forcemesh.messages import Health
 
 GOOD = {"settled": True, "overshoot_pct": 2.5, "settling_s": 0.12}
 ASKS_FOR_PRIORITY = """
@@ -45,7 +55,8 @@ def test_results_are_counted_and_failures_keep_their_reason() -> None:
 def test_each_case_has_its_words() -> None:
     """They are the rows of the page."""
     assert str(DemoCase()) == "nothing; SCHED_FIFO"
-    assert str(DemoCase(loops=True, realtime=False)) == "4 busy loops; ordinary priority"
+    busy = "4 busy loops, 2 builds, another cell, not armed; ordinary priority"
+    assert str(DemoCase(busy=True, realtime=False)) == busy
     assert len(set(map(str, CASES))) == len(CASES)
 
 
@@ -76,8 +87,8 @@ def test_each_run_is_a_demo_as_a_user_starts_it(
 
 
 @pytest.mark.processes
-def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Builds are started again and again; none is left."""
+def test_builds_run_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are started again and again; none is left."""
     started, enough = [], threading.Event()
 
     def run(words: list[str], **_: object) -> None:
@@ -86,8 +97,25 @@ def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPa
             enough.set()
 
     monkeypatch.setattr("subprocess.run", run)
-    with other_work(DemoCase(builds=True)):
+    with building():
         assert enough.wait(timeout=60.0)
     count = len(started)
     assert not any("build" in thread.name for thread in threading.enumerate())
     assert len(started) == count
+
+
+def test_a_long_press_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
+    """Every report of health is noted; a gap of the hub's loop is none of the chain."""
+    found = LongPress()
+    found.note("hub", health(longest_gap_s=0.05))
+    found.note("robot", health(longest_gap_s=0.004))
+    assert (found.longest_gap_s, found.late) == (0.004, "")
+    found.note("arbiter", health(longest_gap_s=0.09, overruns=1, late_cause="other processes ran"))
+    found.note("wrench", health(longest_gap_s=0.03, overruns=2, late_cause="something else"))
+    assert (found.longest_gap_s, found.late) == (0.09, "arbiter was late: other processes ran")
+
+
+def health(**values: float | str) -> Health:
+    """Return the health of a process."""
+    defaults = {"pid": 1, "rate_hz": 250.0, "lateness_p99_s": 0.0, "version": "1"}
+    return Health.from_dict({**defaults, "config_hash": "x", **values})

@@ -10,11 +10,17 @@ from bench.stalls import CASES, PROCESSES, StallCase, drawn, play
 from forcemesh.clock import NS_PER_S
 from tests.fakes.long import long
 
+
+def name_of(case: StallCase) -> str:
+    """Return a case as part of the name of its test."""
+    return f"{case.law}-{case.stiffness_N_m:g}"
+
+
 TOUCHES_S = (0.04, long(0.06), 0.08, long(0.1), 0.12, long(0.14), 0.16)  # after the near plate
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(long(seed) for seed in range(2, 12))])
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", CASES, ids=name_of)
 def test_the_force_keeps_its_promises_under_seeded_stalls(case: StallCase, seed: int) -> None:
     """No press beyond 1.3 times the set point, no lift-off beyond 5 % of it."""
     found = play(case, drawn(seed))
@@ -56,7 +62,7 @@ def test_a_start_on_stale_data_is_refused_and_the_arm_stays(process: str) -> Non
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(long(seed) for seed in range(2, 12))])
-@pytest.mark.parametrize("case", CASES[2:], ids=str)
+@pytest.mark.parametrize("case", CASES[2:], ids=name_of)
 def test_processes_that_wake_a_little_late_change_nothing(case: StallCase, seed: int) -> None:
     """Found: the arbiter's limits, by its own clock, made 24 % of overshoot out of such delays."""
     found = play(case, wakes_late(seed))

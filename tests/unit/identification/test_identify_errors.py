@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.payload import compared, trial
+from bench.payload import WORLDS, CellErrors, compared, read, recording, trial, truth
 from bench.payload_peers import kth, lsm
-from bench.payload_worlds import WORLDS, CellErrors, read, recording, truth
 from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import bias_since_end, residual

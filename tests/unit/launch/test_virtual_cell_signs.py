@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.sensor_faults import wirings as all_wirings
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from common.config.payload import Payload
@@ -22,6 +21,7 @@ from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Mode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
+from identification.installation.axis_fit import SIGNED
 from launch.virtual_cell import VirtualCell
 from services.wrench.calibration_manager import tare
 from sim.robot.ft_sensor import FtSample
@@ -172,7 +172,7 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
     Sensor mounted at 30 degrees about the tool's axis, as in the supplied cells.
     """
     assert CELL.sensor.T_flange_sensor.oat_deg == (30.0, 0.0, 0.0)
-    wirings = all_wirings()[8 * order : 8 * order + 8]
+    wirings = SIGNED[8 * order : 8 * order + 8]
     aligned = sum(wiring[2, 2] == 1.0 for wiring in wirings)
     assert aligned in (0, 4)
     assert judge_presses(cell_with(), wirings) == 8 - aligned
@@ -253,7 +253,7 @@ def test_the_tare_accepts_only_wirings_and_units_that_show_the_weight(unit: floa
     weight_N, moment_Nm = (v - b for v, b in zip(predict(payload, R), biases(), strict=True))
     most_N, most_Nm = CELL.force.tare_max_N, CELL.force.tare_max_Nm
     passed = 0
-    for wiring in all_wirings():
+    for wiring in SIGNED:
         shown = np.concatenate((unit * wiring @ weight_N, moment_Nm)) + np.concatenate(biases())
         passed += tare(payload, [shown], R, most_N=most_N, most_Nm=most_Nm)[1].accepted
     assert passed == (8 if unit == 1.0 else 0)

@@ -113,7 +113,6 @@ def test_image_gets_the_versions_that_are_tested() -> None:
         "check",
         "format",
         "bench",
-        "bench-tcp",
         "chaos",
         "nightly",
         "fuzz",

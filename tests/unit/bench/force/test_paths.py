@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
+from bench.force.laws import adaptive
 from bench.force.paths import (
     LENGTH_M,
+    MEAN_N,
     PROMISED,
+    WORST_SHARE,
     OnPath,
-    PathScene,
-    path_measures,
+    PathCase,
+    measures,
     programmed,
 )
-from bench.force.paths_page import MEAN_N, WORST_SHARE
 from bench.force.rig import ForceRig, SceneSettings
-from bench.force.stage import adaptive
 
-SPEED_M_S, K_N_M, LOOP_HZ = PROMISED
+_, K_N_M, LOOP_HZ = PROMISED
 WORLD = SceneSettings(K_N_M, 10, LOOP_HZ)
 
 
@@ -41,6 +42,6 @@ def test_the_program_leads_out_and_back_and_is_off(surface: str) -> None:
 
 def test_the_promise_is_met_on_the_cylinder() -> None:
     """At the promised speed, stiffness and rate of the loop."""
-    found = path_measures(PathScene("adaptive", "cylinder", SPEED_M_S, WORLD))
+    found = measures(PathCase("adaptive", *PROMISED), "cylinder")
     assert found["mean_error_N"] <= MEAN_N
     assert found["worst_press_share"] <= WORST_SHARE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bench.payload_worlds import CellErrors
+from bench.payload import CellErrors
 from common.config.payload import Payload
 from identification.installation.axes import oat_text
 from identification.installation.axis_fit import EYE, SIGNED, TURNS

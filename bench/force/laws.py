@@ -1,0 +1,197 @@
+"""The control laws on the rig: those of the regulator, and minimal versions of two peers.
+
+The peers follow the documentation of their ROS packages:
+- admittance: M a + D v = F - F_set, as ros2_controllers' admittance_controller with stiffness zero;
+- FDCC-like: the force part of FZI's forward dynamics compliance control: a PD law on the net wrench
+  drives a virtual mass that loses a tenth of its speed at every step.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
+from common.motion.convert import vec3
+from common.motion.frames import Array
+from forcemesh.messages import Mode
+from services.regulator.axis_task import AxisTask, mode_task
+from services.regulator.gains import PiGains
+from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
+from services.regulator.laws import LAWS
+from tuning.gain_rule import tune
+
+HOLD_N = 10.0
+KEPT_SPEED = 0.9  # of FDCC's virtual mass at each step
+PEER_TIME_S = 0.01  # second parameter of both peers, where they are not tuned
+PeerKind = Literal["admittance", "FDCC-like"]
+
+
+class LawRunner:
+    """A law of the regulator, as the regulator runs it."""
+
+    def __init__(
+        self,
+        rig: ForceRig,
+        law: str,
+        gain_m_per_Ns: float | None = None,
+        gain_p_m_per_N: float = 0.0,
+    ) -> None:
+        """Start at rest, with the rule's gains or one tuned by hand."""
+        self._law, gains = LAWS[law], PiGains.of(tune(rig.cell).gains)
+        if gain_m_per_Ns is not None:
+            gains = replace(
+                gains,
+                force_i_m_per_Ns=(gain_m_per_Ns,) * 3,
+                force_p_m_per_N=(gain_p_m_per_N,) * 3,
+            )
+        self.settings, self._gains = self._law.settings(rig.cell), gains
+        self.mode: Mode = "position"
+        self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
+        self.presses_only = False  # force control acts along the tool's axis alone
+        self.motion, self._rig = start_at(rig.T_base_tcp), rig
+        self.restart()
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the law has a predictor."""
+        return self._law.predicts
+
+    def restart(self) -> None:
+        """Forget the estimates and the last errors, as in another task frame."""
+        self.motion = replace(self.motion, error_force_N=None, error_torque_Nm=None)
+        T_measured = self._rig.arm.T_base_tcp
+        self.state = self._law.begin(self.motion.T_base_tcp, T_measured, None, self.settings)
+
+    def place(self, T_base_tcp: pin.SE3) -> None:
+        """Continue from another commanded pose."""
+        self.motion = replace(self.motion, T_base_tcp=T_base_tcp)
+
+    def task(self) -> AxisTask:
+        """Return the task of the mode; axes of an imposed lateral motion are not controlled."""
+        led = self.presses_only or bool(self.across_m_s.any())
+        axes = (not led, not led, True, True, True, True)
+        return mode_task(self.mode, self.setpoint_N, axes=axes)
+
+    def step(self, sample: LawSample, task: AxisTask | None = None) -> pin.SE3:
+        """Return the TCP's next pose."""
+        motion = self.motion
+        if sample.limited:
+            motion = back_calculate(motion, sample.T_let_through)
+        given = law_input(sample, task or self.task(), self._gains, motion)
+        self.state, motion = self._law.step(self.state, given, self.settings)
+        T, travel_m = motion.T_base_tcp, self.across_m_s * sample.dt_s
+        across_m = travel_m - (travel_m @ T.rotation[:, 2]) * T.rotation[:, 2]
+        self.motion = replace(motion, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))
+        return self.motion.T_base_tcp
+
+
+def law_input(sample: LawSample, task: AxisTask, gains: PiGains, motion: LawMotion) -> LawInput:
+    """Return the input of a law of the regulator."""
+    force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
+    return LawInput(force_N, torque_Nm, task, sample.dt_s, gains, motion, sample.T_base_tcp)
+
+
+class Peer:
+    """A peer's law: it moves a virtual body along the force error, with constant orientation."""
+
+    def __init__(
+        self, kind: PeerKind, T_base_tcp: pin.SE3, gain_m_per_Ns: float, time_s: float,
+        *, longest_m_s: float,
+    ) -> None:  # fmt: skip
+        """Start at rest.
+
+        Args:
+            kind: Which peer.
+            T_base_tcp: Commanded pose.
+            gain_m_per_Ns: Steady speed per force; of the admittance law 1 / D.
+            time_s: M / D of the admittance law, weight of FDCC's D part.
+            longest_m_s: Limit of the speed.
+        """
+        self._kind, self._gain, self._time_s = kind, gain_m_per_Ns, time_s
+        self._T, self._speed_m_s, self._longest_m_s = T_base_tcp, np.zeros(3), longest_m_s
+        self._last_N: Array | None = None
+        self.setpoint_N = 0.0
+
+    def place(self, T_base_tcp: pin.SE3) -> None:
+        """Continue from another commanded pose, at the present speed."""
+        self._T = T_base_tcp
+
+    def step(self, sample: LawSample) -> pin.SE3:
+        """Return the TCP's next pose."""
+        if sample.limited:
+            self._T = sample.T_let_through
+        error_N = sample.force_N + self.setpoint_N * sample.T_base_tcp.rotation[:, 2]
+        speed_m_s = self._next_speed_m_s(error_N, sample.dt_s)
+        size = float(np.linalg.norm(speed_m_s))
+        share = min(1.0, self._longest_m_s / size) if size > 0.0 else 1.0
+        self._speed_m_s, self._last_N = speed_m_s * share, error_N
+        self._T = pin.SE3(self._T.rotation, self._T.translation + self._speed_m_s * sample.dt_s)
+        return self._T
+
+    def _next_speed_m_s(self, error_N: Array, dt_s: float) -> Array:
+        before_m_s = self._speed_m_s
+        if self._kind == "admittance":
+            share = 1.0 - float(np.exp(-dt_s / self._time_s))
+            return before_m_s + share * (self._gain * error_N - before_m_s)
+        change = np.zeros(3) if self._last_N is None else (error_N - self._last_N) / dt_s
+        push = (1.0 / KEPT_SPEED - 1.0) * self._gain * (error_N + self._time_s * change)
+        return np.asarray(KEPT_SPEED * (before_m_s + push))
+
+
+AnyLaw = LawRunner | Peer
+Make = Callable[[ForceRig], LawRunner]
+
+
+def adaptive(rig: ForceRig) -> LawRunner:
+    """Our law."""
+    return LawRunner(rig, "adaptive")
+
+
+def plain(rig: ForceRig) -> LawRunner:
+    """The PI law with the gain rule for the stiffest contact."""
+    return LawRunner(rig, "plain")
+
+
+def tuned_plain(rig: ForceRig) -> LawRunner:
+    """The PI law with the gain rule for this scene's known stiffness."""
+    return LawRunner(rig, "plain", known_gain(rig))
+
+
+def guided(rig: ForceRig) -> LawRunner:
+    """Our law for hand guiding."""
+    return LawRunner(rig, "admittance")
+
+
+def known_gain(rig: ForceRig) -> float:
+    """Return the gain rule's result for the stiffness of the plate [m/(N s)]."""
+    inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
+    return min(0.45 / (rig.arm.settings.stiffness_N_m * rig.cell.loop_delay_s), inertia)
+
+
+KNOWN_K = ("adaptive", "plain, known k", "admittance, known k", "FDCC-like, known k")
+
+
+def law_of(name: str, rig: ForceRig) -> AnyLaw:
+    """Return a law of `KNOWN_K`; all but the adaptive one know the stiffness of the plate."""
+    if name == "adaptive":
+        return adaptive(rig)
+    gain, longest_m_s = known_gain(rig), rig.cell.force.speed_max_m_s
+    if name.startswith("plain"):
+        return LawRunner(rig, "plain", gain)
+    kind: PeerKind = "admittance" if name.startswith("admittance") else "FDCC-like"
+    return Peer(kind, rig.T_base_tcp, gain, PEER_TIME_S, longest_m_s=longest_m_s)
+
+
+def holding(
+    world: SceneSettings, make: Make, setpoint_N: float = HOLD_N
+) -> tuple[ForceRig, LawRunner, Trace]:
+    """Return a rig at its set point after a light contact, and the trace."""
+    rig = ForceRig(world.cell())
+    rig.press(3.0)
+    pilot = make(rig)
+    pilot.setpoint_N = setpoint_N
+    trace = rig.run(pilot, 1.5 if make is not plain else 4.0)
+    return rig, pilot, trace

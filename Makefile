@@ -43,9 +43,8 @@ $(STAMP): requirements.lock pyproject.toml
 demo: setup ## press the simulated arm on a plate and let the force go to zero: ARGS="--force 20"
 	@$(BIN)/forcemesh demo $(ARGS)
 
-test: setup ## run every test, then show the largest files and functions: ARGS="-k packet"
+test: setup ## run every test: ARGS="-k packet"
 	@PYTHON=$(BIN)/python tools/test.sh $(ARGS)
-	@$(BIN)/python -m tools.sizes
 
 test-long: setup ## run the tests that make test leaves out
 	@LONG=1 PYTHON=$(BIN)/python tools/test.sh $(ARGS)
@@ -66,14 +65,12 @@ coverage: setup ## take every branch of the modules that decide about motion: th
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 --hypothesis-profile=branches -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
-check: setup ## lint, format, types, import contracts, words, sizes, structure
+check: setup ## lint, format, types, import contracts, sizes, doubles, cycles, links
 	@$(BIN)/ruff check $(CODE)
 	@$(BIN)/ruff format --check $(CODE)
 	@$(BIN)/mypy $(CODE)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports
-	@$(BIN)/python -m tools.words
-	@$(BIN)/python -m tools.sizes
-	@$(BIN)/python -m tools.structure
+	@$(BIN)/python -m tools.check
 
 format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)

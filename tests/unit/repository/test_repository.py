@@ -1,4 +1,4 @@
-"""Rules of the repository: its lock, its commands, its sizes, its words."""
+"""Rules of the repository: its lock, its commands, its texts."""
 
 import os
 import re
@@ -13,7 +13,6 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from tools import sizes
 from tools.tree import production_files
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -200,24 +199,7 @@ def test_pre_commit_downloads_nothing() -> None:
         assert hook["entry"].startswith(".venv/bin/")
 
 
-# --- sizes ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("file_lines", "function_lines", "code"), [(450, 60, 0), (451, 60, 1), (450, 61, 1)]
-)
-def test_sizes_fail_above_the_limits(
-    tmp_path: Path, file_lines: int, function_lines: int, code: int
-) -> None:
-    """450 lines of file and 60 of function pass; one more of either does not."""
-    function = ["def f():", *["    x = 1"] * (function_lines - 1)]
-    module = function + ["y = 1"] * (file_lines - len(function))
-    (tmp_path / "common").mkdir()
-    (tmp_path / "common" / "m.py").write_text("\n".join(module) + "\n", encoding="utf-8")
-    assert sizes.main(tmp_path) == code
-
-
-# --- words ----------------------------------------------------------------------------------------
+# --- texts ---------------------------------------------------------------------------------------
 
 
 def test_licence_is_the_one_that_is_declared() -> None:

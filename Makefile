@@ -58,8 +58,8 @@ test-axes: setup ## a thousand drawn tasks per axis, in every frame and on every
 test-browser: setup ## drive the panel in /usr/bin/chromium against a simulated cell; pictures into out/
 	@$(BIN)/python -m pytest -q -m browser tests/browser $(ARGS)
 
-test-subscribers: setup ## run the subscribers in other languages against a hub (77: some tools are missing); Rust builds for minutes
-	@$(BIN)/python -m tools.subscribers_test
+test-subscribers: setup ## run the subscribers in other languages against a hub; Rust builds for minutes
+	@CI=1 $(BIN)/python -m pytest -q -m cargo tests/contract/test_subscribers.py
 
 coverage: setup ## take every branch of the modules that decide about motion: the list is in pyproject.toml
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 --hypothesis-profile=branches -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
@@ -131,8 +131,7 @@ fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--mess
 	@$(BIN)/python -m tests.fuzz.commands $(ARGS)
 
 hostile: setup ## ten thousand hostile requests and messages to a running cell: ARGS="--count 500"
-	@$(BIN)/python -m tools.hostile --up $(ARGS)
-	@$(BIN)/python -m tools.playback
+	@$(BIN)/python -m tests.hostile $(ARGS)
 
 flips: setup ## spoil every digit of every report of the controller in turn, some hours
 	@EVERY_FLIP=1 $(BIN)/python -m pytest -q -n auto -m long tests/contract/test_abuse_reports.py $(ARGS)
@@ -174,7 +173,7 @@ sbom: setup ## write what the image is made of into out/sbom.cdx.json (CycloneDX
 	  --sv 1.6 --of JSON -o out/sbom.cdx.json && echo out/sbom.cdx.json
 
 compose-test: setup ## build the image, bring the containers up, break and attack them (77: no engine): ARGS="--profile sim"
-	@$(BIN)/python -m tools.compose_test $(ARGS)
+	@$(BIN)/python -m tests.compose $(ARGS)
 
 lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }

@@ -48,14 +48,14 @@ PARTS = {
     "hazards": Part("tests.hazards --journal out/nightly/hazards.jsonl", 20),
     "soak": Part("tests.chaos.soak", 11),
     "soak-sensor": Part("bench.sensor_soak", 11),
-    "hostile": Part("tools.hostile --up", 10),
+    "hostile": Part("tests.hostile", 10),
     "chain": Part("bench.chain --check --rounds 3 --seconds 6", 5),
     "flips": Part(
         f"{PYTEST} -n auto -m long tests/contract/test_abuse_reports.py", 40, {"EVERY_FLIP": "1"}
     ),
     "bring-up": Part(f"{PYTEST} -m ladder tests/scenario/test_bringup_processes.py", 6),
     "axes": Part(f"{PYTEST} -n auto -m axes tests/scenario/test_force_axes.py", 15),
-    "subscribers": Part("tools.subscribers_test", 5),
+    "subscribers": Part(f"{PYTEST} -m cargo tests/contract/test_subscribers.py", 5, {"CI": "1"}),
     "fuzz": Part("tests.fuzz --seconds 60", 10),
     "fuzz-codec": Part("tests.fuzz.codec", 20),
     "fuzz-commands": Part("tests.fuzz.commands", 20),

@@ -8,7 +8,7 @@ set -uo pipefail
 python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
 length="not long"
-[ -z "${LONG:-}" ] || length="long and not (browser or ladder or axes)" # these have targets of their own
+[ -z "${LONG:-}" ] || length="long and not (browser or ladder or axes or cargo)" # these have targets of their own
 export OPENBLAS_NUM_THREADS=1 # matrices here are small: a second thread costs more than it takes over
 unset PYTHONDONTWRITEBYTECODE # hundreds of processes: none compiles what another one has compiled
 failed=0 ran=0

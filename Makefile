@@ -29,7 +29,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format docs bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -76,14 +76,14 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write what is generated from the code: docs/bus.md and other pages, secrets of docker-compose.yml
-	@$(BIN)/python -m tools.bus_page
-	@$(BIN)/python -m tools.compose_secrets
-	@$(BIN)/python -m tools.faults_page
-	@$(BIN)/python -m tools.arbitration_page
+docs: setup ## write the generated pages; into out/ the wheel of the library and the components of the image (CycloneDX)
+	@mkdir -p out
+	@$(BIN)/python -m tools.pages
 	@$(BIN)/python -m tools.schema_page
 	@$(BIN)/python -m tools.cli_page
-	@$(BIN)/python -m tools.packet_page
+	@cd forcemesh && ../$(BIN)/python -m hatchling build -t wheel -d ../out
+	@$(BIN)/cyclonedx-py requirements requirements-run.lock --pyproject pyproject.toml --output-reproducible \
+	  --sv 1.6 --of JSON -o out/sbom.cdx.json && echo out/sbom.cdx.json
 
 bench: setup ## measure the figures of docs/demo.md
 	@$(BIN)/python -m bench $(ARGS)
@@ -145,9 +145,6 @@ mutate: setup ## change single expressions of what decides about motion; no test
 mutate-program: setup ## the same with steps of the controller's program: ARGS="--count 200 --seed 2"
 	@$(BIN)/python -m tests.mutate_program $(ARGS)
 
-wheel: setup ## build the library that `pip install forcemesh` takes: out/forcemesh-*.whl
-	@mkdir -p out && cd forcemesh && ../$(BIN)/python -m hatchling build -t wheel -d ../out
-
 fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
 	@$(BIN)/python -m tests.fuzz.codec $(ARGS)
 
@@ -166,11 +163,6 @@ up: ## bring the simulated cell up in containers; PROFILE=real CELL=my-cell.yaml
 
 down: ## take the containers down, of whichever profile
 	@$(COMPOSE) $(ALL) down $(ARGS)
-
-sbom: setup ## write what the image is made of into out/sbom.cdx.json (CycloneDX)
-	@mkdir -p out
-	@$(BIN)/cyclonedx-py requirements requirements-run.lock --pyproject pyproject.toml --output-reproducible \
-	  --sv 1.6 --of JSON -o out/sbom.cdx.json && echo out/sbom.cdx.json
 
 compose-test: setup ## build the image, bring the containers up, break and attack them (77: no engine): ARGS="--profile sim"
 	@$(BIN)/python -m tests.compose $(ARGS)

@@ -21,7 +21,7 @@ def test_each_implementation_has_a_container(row: Role) -> None:
 @pytest.mark.parametrize(
     ("page", "words"),
     [
-        ("docs/bus.md", "| `{name}/health` | {name} |"),  # written by tools/bus_page.py
+        ("docs/bus.md", "| `{name}/health` | {name} |"),  # written by tools/pages.py
         ("docs/install.md", "`{name}`"),  # the table of certificates
     ],
 )

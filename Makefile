@@ -29,7 +29,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format docs bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down compose-test lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check totals format docs bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips nightly mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -65,12 +65,16 @@ coverage: setup ## take every branch of the modules that decide about motion: th
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 --hypothesis-profile=branches -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
-check: setup ## lint, format, types, import contracts, sizes, doubles, cycles, links
+check: setup ## lint, format, types, import contracts, sizes, doubles, cycles, links, totals
 	@$(BIN)/ruff check $(CODE)
 	@$(BIN)/ruff format --check $(CODE)
 	@$(BIN)/mypy $(CODE)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports
 	@$(BIN)/python -m tools.check
+	@$(BIN)/python -m tools.totals
+
+totals: setup ## lines, tokens, constants, tests and words of each folder, compared with tools/totals.txt: ARGS=--write
+	@$(BIN)/python -m tools.totals $(ARGS)
 
 format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)

@@ -31,7 +31,7 @@ BATCH_B = 8192
 def use_one_thread() -> None:
     """Configure Zenoh to receive and send with one thread instead of five, before its first use.
 
-    Each message wakes most of the five; `make bench-chain` shows threads and wake-ups. In the hub,
+    Each message wakes most of the five; `make bench ARGS=chain` shows them. In the hub,
     a connection wakes the thread that accepted it for each message, besides the one that reads it.
     """
     os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)

@@ -1,6 +1,6 @@
 """The main job through the real gateway and the shipped program, in lock step on a virtual clock.
 
-`make bench-tcp` runs every combination; these are its extremes.
+`make bench ARGS=over-tcp` runs every combination; these are its extremes.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Packet table: meaning of the nine numbers of a packet: commands, status bits, IDs, scales.
 
 A command is declared here once: controller/README.md has this table for the other end
-(`make readme`), and encoder and decoder of the gateway follow it.
+(`make docs`), and encoder and decoder of the gateway follow it.
 """
 
 from enum import IntEnum, IntFlag

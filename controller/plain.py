@@ -37,7 +37,7 @@ class Protection(NamedTuple):
 
 
 # Every protection of forcemesh.as that plain.as does not have: the gateway writes them at its
-# start, the doctor reports them, `make readme` makes the table of docs/controller.md.
+# start, the doctor reports them, `make docs` makes the table of docs/controller.md.
 NOT_PROTECTED = (
     Protection(
         "watchdog: silence of the PC, or of command 4, brakes and latches",

@@ -5,7 +5,7 @@ Rule 2: a code is stable for programs, its rule number for people: neither is re
 Rule 3: a FAULT needs its cause fixed, `clear` and `arm`; a HOLD needs `arm`; a REFUSAL changes
         nothing.
 
-`make readme` generates docs/faults.md from this table.
+`make docs` writes docs/faults.md from this table.
 """
 
 from dataclasses import dataclass

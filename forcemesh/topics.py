@@ -4,7 +4,7 @@ Roles, topics and requests outside these tables do not exist. Process table, cer
 control, status and fault injection follow from the roles; docker-compose.yml is compared with them. Every key is prefixed with `<cell>/`.
 Rates are names; the cell file gives their values in hertz. An input is stale after three of its
 periods, but not before the deadline of its class in the cell file.
-tests/unit/forcemesh/test_topics.py checks the rules; tools/bus_page.py writes docs/bus.md from this file.
+tests/unit/forcemesh/test_topics.py checks the rules; tools/pages.py writes docs/bus.md from this file.
 """
 
 from dataclasses import dataclass

@@ -108,14 +108,12 @@ class ChildProcess:
         self._signal(signal.SIGTERM)
 
     def finish(self, patience_s: float) -> None:
-        """Wait for its end, then kill the rest of its group; close its output."""
+        """Wait for its end, then kill the rest of its group."""
         with suppress(subprocess.TimeoutExpired):
             self._popen.wait(max(patience_s, 0.0))
         self._signal(signal.SIGKILL)
         self._popen.wait()
         self._pump.join(DRAIN_S)
-        if not self._pump.is_alive() and self._popen.stdout is not None:
-            self._popen.stdout.close()
 
     def _signal(self, number: signal.Signals) -> None:
         with suppress(ProcessLookupError, PermissionError):
@@ -125,11 +123,12 @@ class ChildProcess:
         stream = self._popen.stdout
         if stream is None:
             return
-        for raw in stream:
-            line = raw.decode("utf-8", "replace").rstrip()
-            if line:
-                self._lines.append(line)
-                self._write_line(self.process.name, line)
+        with stream:
+            for raw in stream:
+                line = raw.decode("utf-8", "replace").rstrip()
+                if line:
+                    self._lines.append(line)
+                    self._write_line(self.process.name, line)
 
 
 def write_stderr_line(name: str, line: str) -> None:

@@ -20,12 +20,10 @@ from tests.repeats import Repeats
 # No deadline per example: its duration depends on the machine, not on the code.
 settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, database=None, print_blob=True)
-# `make mutate` needs only the verdict on a mutant: no example is made smaller.
+# `tests.mutate` needs only the verdict on a mutant: no example is made smaller.
 settings.register_profile(
     "mutants", settings.get_profile("ci"), phases=(Phase.explicit, Phase.generate)
 )
-# `make coverage` asks whether a branch is taken at all: it must not depend on a rare example.
-settings.register_profile("branches", settings.get_profile("ci"), max_examples=25)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 # The tree of verbs does not change, and takes longer to make than most refusals.

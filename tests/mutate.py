@@ -1,6 +1,6 @@
 """Mutation test of the modules that decide about motion: changes that no test detects.
 
-`make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`.
+`python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`.
 
 No file is changed: a forked process imports the changed text in the module's place and runs the
 module's tests. Processes that tests start import the unchanged module, so tests of real processes

@@ -14,7 +14,7 @@ PAGE = Path(__file__).resolve().parent.parent / "out" / "docs" / "cli.md"
 HEAD = """# Command line
 
 This page lists all commands of `forcemesh`, as `forcemesh --help` and `forcemesh VERB --help` do;
-it is made by `make readme`.
+it is made by `make docs`.
 
 - `--cell FILE` selects the cell; without it `FORCEMESH_CELL` of the environment, otherwise the
   running cell, otherwise `cells/demo.yaml`. `FORCEMESH_ENDPOINT` sets the address of the hub.

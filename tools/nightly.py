@@ -25,12 +25,12 @@ from tools.tree import ROOT
 MOST_S = 90 * 60  # of one part
 LAST_LINES = 20  # of the output, in the journal
 OF_MAKE = ("MAKEFLAGS", "MFLAGS", "MAKEOVERRIDES")  # ARGS of the outer make are not the part's
-PYTEST = "pytest -q -o timeout=600"
+PYTEST = "python -m pytest -q -o timeout=600"
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Arguments of `python -m`, expected duration on two cores, and additional environment."""
+    """Command, expected duration on two cores, and additional environment."""
 
     command: str
     minutes: float
@@ -38,27 +38,29 @@ class Part:
 
 
 PARTS = {
-    "mutate": Part("tests.mutate", 50),
-    "mutate-program": Part("tests.mutate_program", 20),
-    "chaos-sim": Part("tests.chaos --cell sim --each 10", 32),
-    "chaos-tcp": Part("tests.chaos --cell tcp --each 10", 45),
-    "chaos-network": Part("tests.chaos.network", 6),
-    "chaos-flood": Part("tests.chaos.flood", 2),
-    "chaos-clocks": Part("tests.chaos.clocks", 1),
-    "hazards": Part("tests.hazards --journal out/nightly/hazards.jsonl", 20),
-    "soak": Part("tests.chaos.soak", 11),
-    "soak-sensor": Part("bench sensor-soak", 11),
-    "hostile": Part("tools.hostile --up", 10),
-    "chain": Part("bench chain --quick", 5),
+    "long": Part("tools/test.sh", 25, {"LONG": "1", "CI": "1"}),
+    "browser": Part(f"{PYTEST} -m browser tests/browser", 5),
+    "bring-up": Part(f"{PYTEST} -m ladder tests/scenario/test_bringup_processes.py", 6),
+    "axes": Part(f"{PYTEST} -n auto -m axes tests/scenario/test_force_axes.py", 15),
+    "mutate": Part("python -m tests.mutate", 50),
+    "mutate-program": Part("python -m tests.mutate_program", 20),
+    "hazards": Part("python -m tests.hazards --journal out/nightly/hazards.jsonl", 20),
+    "chaos-sim": Part("python -m tests.chaos --cell sim --each 10", 32),
+    "chaos-tcp": Part("python -m tests.chaos --cell tcp --each 10", 45),
+    "chaos-network": Part("python -m tests.chaos.network", 6),
+    "chaos-flood": Part("python -m tests.chaos.flood", 2),
+    "chaos-clocks": Part("python -m tests.chaos.clocks", 1),
+    "soak": Part("python -m tests.chaos.soak", 11),
+    "soak-sensor": Part("python -m bench sensor-soak", 11),
+    "hostile": Part("python -m tests.hostile", 10),
+    "chain": Part("python -m bench chain --quick", 5),
     "flips": Part(
         f"{PYTEST} -n auto -m long tests/contract/test_abuse_reports.py", 40, {"EVERY_FLIP": "1"}
     ),
-    "bring-up": Part(f"{PYTEST} -m ladder tests/scenario/test_bringup_processes.py", 6),
-    "axes": Part(f"{PYTEST} -n auto -m axes tests/scenario/test_force_axes.py", 15),
-    "subscribers": Part("tools.subscribers_test", 5),
-    "fuzz": Part("tests.fuzz --seconds 60", 10),
-    "fuzz-codec": Part("tests.fuzz.codec", 20),
-    "fuzz-commands": Part("tests.fuzz.commands", 20),
+    "subscribers": Part(f"{PYTEST} -m cargo tests/contract/test_subscribers.py", 5, {"CI": "1"}),
+    "fuzz": Part("python -m tests.fuzz --seconds 60", 10),
+    "fuzz-codec": Part("python -m tests.fuzz.codec", 20),
+    "fuzz-commands": Part("python -m tests.fuzz.commands", 20),
 }
 
 
@@ -75,10 +77,11 @@ class Result:
 def run(name: str, part: Part, most_s: float = MOST_S) -> Result:
     """Run a part, show its output, and return its result; after `most_s` it is ended."""
     began_s, printed = time.monotonic(), list[str]()
-    command = ["timeout", "--kill-after=60", f"{most_s}", sys.executable, "-m"]
+    words = [sys.executable if word == "python" else word for word in part.command.split()]
+    command = ["timeout", "--kill-after=60", f"{most_s}", *words]
     environment = {key: value for key, value in os.environ.items() if key not in OF_MAKE}
     with subprocess.Popen(
-        [*command, *part.command.split()],
+        command,
         cwd=ROOT,
         env=environment | dict(part.environment or {}),
         stdout=subprocess.PIPE,
@@ -126,6 +129,11 @@ def run_all(names: Sequence[str], journal: Path, parts: Mapping[str, Part] = PAR
     return sum(results[name].exit_code != 0 for name in names)
 
 
+def parts_of(word: str) -> list[str]:
+    """Return the part of a name, or the parts whose names begin with a word."""
+    return [name for name in PARTS if word in (name, name.split("-")[0])]
+
+
 def git(*words: str) -> str:
     """Return the output of git in this tree."""
     command = ["git", *words]
@@ -143,16 +151,12 @@ def main() -> int:
     given = parser.parse_args()
     if given.list:
         for name, part in PARTS.items():
-            print(f"{name:16} {part.minutes:4.0f} min  python -m {part.command}")
+            print(f"{name:16} {part.minutes:4.0f} min  {part.command}")
         return 0
-    groups = {name.split("-")[0] for name in PARTS} | set(PARTS)
-    if unknown := set(given.parts) - groups:
-        parser.error(f"no part {', '.join(sorted(unknown))}; there are {' '.join(PARTS)}")
-    names = [
-        name
-        for name in PARTS
-        if not given.parts or name in given.parts or name.split("-")[0] in given.parts
-    ]
+    if unknown := [word for word in given.parts if not parts_of(word)]:
+        parser.error(f"no part {', '.join(unknown)}; there are {' '.join(PARTS)}")
+    requested = {name for word in given.parts for name in parts_of(word)}
+    names = [name for name in PARTS if not requested or name in requested]
     if git("status", "--porcelain", "--untracked-files=no"):
         parser.error(
             "the tree has uncommitted changes, and results belong to a commit: commit first"

@@ -2,13 +2,17 @@
 # Every test. Whole cells in real processes first, one after the other; then what else lives in real
 # time, mostly waiting, on all cores. Whatever needs only the processor runs beside both at idle
 # priority, which takes nothing from them, and at its own when they are done. All runs happen,
-# whatever the others find. What is marked long is left to `make test-long`, which calls this with
-# LONG=1.
+# whatever the others find. What is marked long is left to `make nightly ARGS=long`, which calls this
+# with LONG=1. With CI=1 and without a selection the run beside also takes the coverage of the modules
+# that decide about motion (the list is in pyproject.toml): less than every branch is a failure. It is
+# not taken otherwise because Python 3.11 needs two to three times as long for these tests with it.
 set -uo pipefail
 python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
 length="not long"
-[ -z "${LONG:-}" ] || length="long and not (browser or ladder or axes)" # these have targets of their own
+[ -z "${LONG:-}" ] || length="long and not (browser or ladder or axes or cargo)" # these are parts of their own
+coverage=()
+[ $# -gt 0 ] || [ -n "${LONG:-}" ] || [ -z "${CI:-}" ] || coverage=(--cov --cov-report=term)
 export OPENBLAS_NUM_THREADS=1 # matrices here are small: a second thread costs more than it takes over
 unset PYTHONDONTWRITEBYTECODE # hundreds of processes: none compiles what another one has compiled
 failed=0 ran=0
@@ -27,7 +31,8 @@ idle=()
 command -v chrt >/dev/null && idle=(chrt --idle 0)
 said=$(mktemp)
 set -m # gives it a process group, by which it is found
-"${idle[@]}" "$python" -m pytest -m "not ($REAL) and $length" -n auto -o timeout=600 "$@" >"$said" 2>&1 &
+"${idle[@]}" "$python" -m pytest -m "not ($REAL) and $length" -n auto -o timeout=600 \
+  "${coverage[@]}" "$@" >"$said" 2>&1 &
 beside=$!
 set +m
 trap 'kill -- -$beside 2>/dev/null; rm -f "$said"' EXIT

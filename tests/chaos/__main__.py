@@ -1,4 +1,7 @@
-"""Process fault injection into a moving cell: `make chaos`. Exit code 1 if a bound is violated."""
+"""Process fault injection into a moving cell: `python -m tests.chaos`.
+
+Exit code 1 if a bound is violated.
+"""
 
 import argparse
 import sys
@@ -41,7 +44,10 @@ def main() -> int:
     broken = conclude(report)
     if given.write:
         text = page(report, given.each, datetime.now(UTC))
-        (ROOT / PAGE).write_text(as_block_page("chaos", text, "make chaos-full"), encoding="utf-8")
+        (ROOT / PAGE).write_text(
+            as_block_page("chaos", text, "python -m tests.chaos --each 20 --write"),
+            encoding="utf-8",
+        )
     return 1 if broken else 0
 
 

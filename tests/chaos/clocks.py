@@ -1,6 +1,6 @@
 """Clock faults in a pressing cell: expected is no effect, or a hold with a named cause.
 
-`make chaos-clocks`, or `python -m tests.chaos.clocks [--only jump]`. Exit codes: 0 passed,
+`python -m tests.chaos.clocks [--only jump]`. Exit codes: 0 passed,
 1 failed, 77 not testable on this machine (it needs root for time namespaces, and a C compiler).
 """
 

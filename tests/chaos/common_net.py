@@ -69,6 +69,8 @@ def make_cell(
 class CellUnderTest:
     """Client of a running cell. Waits poll the bus; all times are CLOCK_MONOTONIC."""
 
+    poll_s = POLL_S
+
     def __init__(self, cell: CellConfig, client: Bus) -> None:
         """Subscribe as a client."""
         self.cell, self.client, self.clock = cell, client, client.clock
@@ -115,11 +117,11 @@ class CellUnderTest:
             codes.add(robot.hold_code)
         return " ".join(sorted(codes))
 
-    def until(self, what: Callable[[], bool], name: str, within_s: float = PATIENCE_S) -> None:
-        """Wait for a condition. Raise HarnessError after the time-out."""
-        give_up_s = time.monotonic() + within_s
+    def until(self, what: Callable[[], object], name: str, within_s: float = PATIENCE_S) -> float:
+        """Wait for a condition; return the time [s]. Raise HarnessError after the time-out."""
+        began_s = time.monotonic()
         while not what():
-            if time.monotonic() >= give_up_s:
+            if time.monotonic() >= began_s + within_s:
                 latest = self.status
                 text = (
                     "silent"
@@ -127,7 +129,8 @@ class CellUnderTest:
                     else f"{latest.state} {latest.trips} {latest.not_ready}"
                 )
                 raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {text}")
-            time.sleep(POLL_S)
+            time.sleep(self.poll_s)
+        return time.monotonic() - began_s
 
     # --- commands ---------------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """Load test: a frozen subscriber and a message flood while the arm presses, without effect on it.
 
-`make chaos-flood`, or `python -m tests.chaos.flood [--seconds 10] [--rate 10000]`. Exit code 0: no
+`python -m tests.chaos.flood [--seconds 10] [--rate 10000]`. Exit code 0: no
 control deadline was missed except where the idle witness missed it too, and no put took long;
 otherwise 1.
 """

@@ -1,6 +1,5 @@
 """Network fault injection: each process of a cell in its own network namespace.
 
-`make chaos-network`, or
 `python -m tests.chaos.network [--cell demo] [--only robot/link-down] [--write]`.
 Exit codes: 0 all bounds met, 1 a bound violated, 77 not testable on this machine.
 """
@@ -32,7 +31,7 @@ from tools.figures import replace_block
 PAGE = ROOT / "docs" / "chaos-network.md"
 TEMPLATES = ("demo", "demo-tcp")
 PROXY = "proxy"
-COMMAND = "make chaos-network ARGS=--write"
+COMMAND = "python -m tests.chaos.network --write"
 
 
 def hosts_of(cell: CellConfig, lab: Lab) -> tuple[list[ProcessSpec], list[Cable]]:

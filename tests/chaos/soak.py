@@ -1,6 +1,6 @@
 """Soak test: the demo cell at full rate, repeating arm, press, release, move.
 
-`make soak`, or `python -m tests.chaos.soak [--minutes 10]`. Exit code 0: no memory growth,
+`python -m tests.chaos.soak [--minutes 10]`. Exit code 0: no memory growth,
 no leaks, no unexpected holds, and the loops were on time; otherwise 1.
 """
 

@@ -161,6 +161,6 @@ def test_a_corrupted_digit_of_a_report_causes_no_wrong_motion(number: int) -> No
 @pytest.mark.timeout(EVERY_S if EVERY else LONG_S)
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_corrupted_digit_of_a_report_causes_a_wrong_motion(part: int) -> None:
-    """A digit of a field of 101 or 102, everywhere; `make flips` corrupts every one in turn."""
+    """A digit of a field of 101 or 102, everywhere; in the nightly run every one in turn."""
     for flip in FLIPS[part::PARTS] if EVERY else FLIPS[part : part + 1]:
         spoil(*flip)

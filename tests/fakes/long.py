@@ -1,4 +1,4 @@
-"""Cases that are too long for `make test`: `make test-long` and CI run them."""
+"""Cases that are too long for `make test`: `make nightly ARGS=long` runs them."""
 
 from typing import Any
 

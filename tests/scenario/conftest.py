@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from cli.__main__ import app
 from tests.chaos.common_net import free_port, make_cell
 from tests.fakes.bench import HALF_RATES
 from tests.repeats import real_time
@@ -66,6 +68,22 @@ def tcp_cell_file(tmp_path, monkeypatch) -> Path:
         "rates": {**LIGHT["rates"], "robot_hz": 40},
     }
     return make_cell("demo-tcp", tmp_path, overrides)[1]
+
+
+@pytest.fixture
+def tls_cell_file(tmp_path, monkeypatch) -> Path:
+    """The demo's cell, light, with certificates of its own in `pki`, on a port of this test."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    overrides = {
+        "cell": "secured",
+        "bus.endpoint": f"tls/127.0.0.1:{free_port()}",
+        "bus.tls": {"folder": str(tmp_path / "pki")},
+        **LIGHT,
+    }
+    _, path = make_cell("demo", tmp_path, overrides)
+    result = CliRunner().invoke(app, ["pki", "init", "--cell", str(path)])
+    assert result.exit_code == 0, result.output
+    return path
 
 
 @contextmanager

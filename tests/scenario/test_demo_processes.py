@@ -112,7 +112,7 @@ def status_of(cell_file: Path) -> dict:
 def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, role):
     """Kill -9 while force feedback runs: the arm stands, and the screen names the ended process.
 
-    `make chaos` does it to all of them.
+    `make nightly ARGS=chaos` does it to all of them.
     """
     cell = load_cell(cell_file)
     # The run must outlast this test: status does not report the ended processes of an ended run.

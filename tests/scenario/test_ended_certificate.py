@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 from common.bus.cell_bus import open_bus
-from common.config.load import dump_cell, load_cell
+from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from tests.contract.test_bus_expiry import shorten
-from tests.scenario.conftest import LIGHT
-from tests.scenario.test_attacks import PATIENCE_S, ROOT, cell_file  # noqa: F401
+from tests.scenario.conftest import PATIENCE_S, ROOT
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import Watcher, forcemesh, status_of
 from tests.scenario.test_revived import press
@@ -25,16 +24,15 @@ pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
 
 @pytest.mark.parametrize("role", ["wrench", "arbiter"])
 def test_the_arm_holds_and_the_screen_names_the_expired_certificate(
-    cell_file: Path,  # noqa: F811
+    tls_cell_file: Path,
     tmp_path: Path,
     start,
     role: str,
 ) -> None:
     """While pressing: held soon after, not before; no further motion; `pki check` names it."""
-    cell_file.write_text(dump_cell(load_cell(cell_file, LIGHT)))
-    cell = load_cell(cell_file)
+    cell = load_cell(tls_cell_file)
     ends_s = shorten(tmp_path / "pki", role, cell, VALID_S)
-    wait_for(start("-m", "cli", "up", "--cell", cell_file, "--no-panel"), "is up")
+    wait_for(start("-m", "cli", "up", "--cell", tls_cell_file, "--no-panel"), "is up")
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         press(bus)
         watcher = Watcher(bus)
@@ -47,7 +45,7 @@ def test_the_arm_holds_and_the_screen_names_the_expired_certificate(
         assert ends_s - 1.0 < time.time() < ends_s + LATE_S
         time.sleep(2.0)
         joints = watcher.joints()
-        status = status_of(cell_file)
+        status = status_of(tls_cell_file)
         assert abs(watcher.joints() - joints).max() < 1e-3
     assert status["state"] not in MAY_MOVE
     (silent,) = (row for row in status["services"] if not row["alive"])
@@ -55,7 +53,7 @@ def test_the_arm_holds_and_the_screen_names_the_expired_certificate(
     assert "its certificate: expired on" in silent["fault"]
     assert f"forcemesh pki issue {role} --again" in silent["fault"]
     checked = subprocess.run(
-        forcemesh("pki", "check", "--cell", cell_file),
+        forcemesh("pki", "check", "--cell", tls_cell_file),
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert checked.returncode != 0

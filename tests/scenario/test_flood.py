@@ -1,6 +1,6 @@
 """A client that publishes too much, and a frozen one: no other process is affected.
 
-Short runs for every day. The whole test is `make chaos-flood` and `make soak`.
+Short runs for every day. The whole tests are `tests.chaos.flood` and `tests.chaos.soak`.
 """
 
 import json
@@ -162,7 +162,7 @@ def test_a_short_soak_has_a_small_bound(over_s, most_b):
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]]:
     """Return a real cell that presses, and its client.
 
-    A miss here is a missed deadline of that cell; `make chaos-flood` requires milliseconds, on a
+    A miss here is a missed deadline of that cell; `tests.chaos.flood` requires milliseconds, on a
     machine without other load.
     """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
@@ -196,8 +196,8 @@ def test_a_frozen_viewer_and_a_flood_delay_no_process(pressing):
 def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
     """The soak test at its shortest: a round, no growth, no open files, no false hold.
 
-    A miss here is a missed deadline of its cell, at half the demo's rates; `make soak` requires of
-    one at full rate, on a machine without other load, 20 ms in 999 of 1000 messages.
+    A miss here is a missed deadline of its cell, at half the demo's rates; `tests.chaos.soak`
+    requires of one at full rate, on a machine without other load, 20 ms in 999 of 1000 messages.
     """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     late_s = LIGHT["deadlines"]["sensor_s"]

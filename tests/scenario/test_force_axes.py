@@ -1,6 +1,6 @@
 """Force control of each axis in any frame, on a contact that couples all of them.
 
-`make test-axes` draws a thousand combinations; here each pair of values of two factors occurs.
+The nightly run draws a thousand combinations; here each pair of values of two factors occurs.
 """
 
 import pytest

@@ -1,14 +1,16 @@
 """A hostile client with Zenoh and MessagePack alone against a running cell, in processes."""
 
 import ast
-import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from common.config.load import load_cell
+from common.config.cell import CellConfig
+from launch.run_file import FOLDER_VARIABLE
+from tests.hostile import client, playback
+from tests.hostile.target import client_of, make_target
+from tests.scenario.conftest import LIGHT
 
 pytestmark = [
     pytest.mark.judged_once,
@@ -17,43 +19,37 @@ pytestmark = [
     pytest.mark.timeout(1800),
 ]
 
-ROOT = Path(__file__).parents[2]
+COUNT = 400
 
 
-def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_file: Path) -> None:
-    """Every process continues, a held arm rests, every hold works. `make hostile` sends 10 000."""
-    count, name = 400, load_cell(cell_file).cell
-    command = [sys.executable, "-m", "tools.hostile", "--up", str(cell_file), "--cell", name]
-    command += ["--count", str(count)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout)
-    assert found["sent"] == count
-    assert found["processes_ended"] == found["unforeseen_errors"] == []
-    assert found["moved_while_held_rad"] < 1e-3
-    assert found["holds_that_worked"] == found["holds"] > count // 100
-    assert found["late_executed"] == 0
-    assert found["force_owned"] > 0
-    assert found["force_taken_over"] == 0
+@pytest.fixture
+def target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[CellConfig, Path]:
+    """A light cell and its file."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    return make_target(tmp_path, LIGHT)
+
+
+def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(target) -> None:
+    """Every process continues, a held arm rests, every hold works; nightly it sends 10 000."""
+    with client_of(*target) as outsider:
+        found = client.attack_cell(outsider, COUNT)
+    assert client.is_unaffected(found), found
+    assert found["holds"] > COUNT // 100
     assert found["replies"]["late"] > 0
-    assert found["times_armed"] > 0
-    assert found["replies"]["malformed"] > count // 10
+    assert found["replies"]["malformed"] > COUNT // 10
 
 
-def test_a_recording_played_back_moves_nothing(cell_file: Path) -> None:
-    """Neither an armed cell, nor a robot that has known no arbiter: `make hostile` runs it too."""
-    command = [sys.executable, "-m", "tools.playback", str(cell_file)]
-    command += ["--cell", load_cell(cell_file).cell]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout)
+def test_a_recording_played_back_moves_nothing(target) -> None:
+    """Neither an armed cell, nor a robot that has known no arbiter."""
+    found = playback.play_back(*target)
+    assert playback.is_unaffected(found), found
     assert {"idle", "goal"} <= found["permitted"].keys()
     assert "no_lease" in found["robot_alone"]["holds"]
 
 
 def test_the_hostile_client_imports_nothing_of_forcemesh() -> None:
     """Its knowledge of the cell could be read in the documentation."""
-    tree = ast.parse((ROOT / "tools" / "hostile.py").read_text(encoding="utf-8"))
+    tree = ast.parse(Path(client.__file__).read_text(encoding="utf-8"))
     names = {
         name.partition(".")[0]
         for node in ast.walk(tree)

@@ -1,6 +1,6 @@
 """Network faults: their evaluation, the delaying hop, and one trial in real namespaces.
 
-The whole test is `make chaos-network`.
+The whole test is `python -m tests.chaos.network`.
 """
 
 import os

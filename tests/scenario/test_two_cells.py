@@ -13,11 +13,11 @@ from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from tests.chaos.common_net import free_port
 from tests.fakes.waiting import wait_until
+from tests.hostile.client import connected
 from tests.scenario.conftest import ROOT
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import PATIENCE_S, Watcher
 from tests.scenario.test_revived import press
-from tools.hostile import connected
 
 STILL_RAD = 1e-3
 MESSAGES = 2000

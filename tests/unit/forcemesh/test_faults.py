@@ -18,7 +18,6 @@ from forcemesh.faults import (
     trip_text,
     tripped,
 )
-from tools.faults_page import PAGE, page
 from tools.tree import production_files
 
 ROOT = Path(__file__).parents[3]
@@ -66,11 +65,6 @@ def test_a_fault_has_cause_and_remedy_in_words(fault: FaultCode) -> None:
         assert "|" not in text
         for forbidden in ("e-stop", "emergency", "guarantee", "safe "):
             assert forbidden not in text.lower()
-
-
-def test_the_page_is_the_table() -> None:
-    """`make readme` has been run since the table was changed."""
-    assert PAGE.read_text(encoding="utf-8") == page()
 
 
 def test_trips_and_refusals_are_made_by_the_dictionary_alone() -> None:

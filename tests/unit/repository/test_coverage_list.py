@@ -17,17 +17,6 @@ def test_the_list_names_modules_that_are_there() -> None:
         assert list(ROOT.glob(pattern)), pattern
 
 
-def test_each_test_that_coverage_leaves_out_is_there() -> None:
-    """A test that was renamed would run under coverage, for minutes."""
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
-    left_out = re.search(r"^NO_NEW_BRANCH := (.*)$", makefile, re.MULTILINE)
-    assert left_out is not None
-    tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
-    names = set(re.findall(r"def (test_\w+)", tests))
-    for part in left_out[1].split(" or "):
-        assert any(part.strip() in name for name in names), part
-
-
 def test_every_branch_counts() -> None:
     """Less than every branch is not enough."""
     assert CONFIG["run"]["branch"]

@@ -8,10 +8,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.unit.repository.test_repository import METADATA
-from tools.structure import Module, Structure, modules
-from tools.tree import PRODUCTION
+from tools.tree import PRODUCTION, Module, modules
 
-STRUCTURE = Structure(modules())
+MODULES = modules()
 # The imported name of a package, where it is not the package's own.
 IMPORTED_AS = {
     "eclipse-zenoh": "zenoh",
@@ -57,9 +56,9 @@ def reached(process: str) -> set[str]:
     ahead = [f"{process}.__main__"]
     while ahead:
         name = ahead.pop()
-        if name in STRUCTURE.known and name not in found:
+        if name in MODULES and name not in found:
             found.add(name)
-            ahead += [*STRUCTURE.graph[name], name.rpartition(".")[0]]
+            ahead += [*MODULES[name].imports(MODULES), name.rpartition(".")[0]]
     return found
 
 
@@ -81,18 +80,18 @@ def declared(extra: str = "") -> set[str]:
 def test_a_process_imports_what_its_extra_installs(process: str) -> None:
     """A package that only another extra brings would be missing in an image of this process."""
     available = declared().union(*(declared(extra) for extra in EXTRAS[process]))
-    needed = {name for at in reached(process) for name in imported_packages(STRUCTURE.known[at])}
+    needed = {name for at in reached(process) for name in imported_packages(MODULES[at])}
     assert needed - available == set()
 
 
 @pytest.mark.parametrize("extra", ["", "sim", "panel", "recorder", "cli"])
 def test_every_declared_package_is_imported(extra: str) -> None:
     """A dependency that nothing imports is only a weight."""
-    needed = {name for at in STRUCTURE.known.values() for name in imported_packages(at)}
+    needed = {name for at in MODULES.values() for name in imported_packages(at)}
     assert declared(extra) - needed == set()
 
 
 def test_every_process_is_listed() -> None:
     """A new process says what it needs."""
-    mains = {name.removesuffix(".__main__") for name in STRUCTURE.known if "__main__" in name}
+    mains = {name.removesuffix(".__main__") for name in MODULES if "__main__" in name}
     assert mains == set(EXTRAS)

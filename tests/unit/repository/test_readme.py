@@ -1,38 +1,13 @@
-"""README and the hand-written reference pages: short, and true to the repository."""
+"""README and CONTRIBUTING: short, and true to the repository."""
 
 import re
 
-import pytest
-
-from tools.bus_page import ROOT
+from tools.tree import ROOT
 
 README = ROOT / "README.md"
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
-REFERENCE = ("bus", "demo", "glossary", "stops")
-PAGES = ("README.md", "CONTRIBUTING.md", *(f"docs/{name}.md" for name in REFERENCE))
 LONGEST_LINES = 120
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-
-
-def anchor(heading: str) -> str:
-    """Return the anchor that Markdown viewers give to a heading."""
-    return re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_every_link_and_picture_is_there(name: str) -> None:
-    """A relative link leads to a file of the repository, and to a heading where it names one."""
-    page = ROOT / name
-    found = re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
-    targets = [target for target in found if "://" not in target]
-    assert targets
-    for target in targets:
-        path, _, heading = target.partition("#")
-        place = page.parent / path if path else page
-        assert place.exists(), target
-        if heading:
-            heads = re.findall(r"^#+ (.+)$", place.read_text(encoding="utf-8"), re.MULTILINE)
-            assert heading in map(anchor, heads), target
 
 
 def test_the_front_page_is_short() -> None:

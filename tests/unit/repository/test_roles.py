@@ -5,7 +5,7 @@ import pytest
 from common.bus.profile_fit import IMPLEMENTATIONS
 from forcemesh.topics import HELPERS, ROLE_TABLE, ROLES, Role
 from tests.fakes.compose_file import ROOT, SERVICES, roles_of
-from tools import hostile
+from tests.hostile import client
 
 each_row = pytest.mark.parametrize("row", ROLE_TABLE, ids=lambda row: row.name)
 
@@ -21,7 +21,7 @@ def test_each_implementation_has_a_container(row: Role) -> None:
 @pytest.mark.parametrize(
     ("page", "words"),
     [
-        ("docs/bus.md", "| `{name}/health` | {name} |"),  # written by tools/bus_page.py
+        ("docs/bus.md", "| `{name}/health` | {name} |"),  # written by tools/pages.py
         ("docs/install.md", "`{name}`"),  # the table of certificates
     ],
 )
@@ -32,7 +32,7 @@ def test_each_page_has_the_role(row: Role, page: str, words: str) -> None:
 
 def test_the_hostile_client_knows_every_role() -> None:
     """It imports nothing of forcemesh, so it has a list of its own."""
-    assert hostile.ROLES == ROLES
+    assert client.ROLES == ROLES
 
 
 def test_a_role_is_needed_or_a_helper() -> None:

@@ -32,7 +32,7 @@ def text(value: float) -> str:
 
 
 def judged(mutant: Mutant, within_s: float) -> bool:
-    """Judge it from a process that has imported nothing, as `make mutate` does."""
+    """Judge it from a process that has imported nothing, as `python -m tests.mutate` does."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(mutate.forked, (mutant, within_s))[0]
 
@@ -172,7 +172,7 @@ def test_a_module_or_its_judges_that_were_touched_are_changed(monkeypatch):
 
 
 def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():
-    """As `make mutate` calls it, with everything imported that it imports beforehand."""
+    """As `python -m tests.mutate` calls it, with everything imported that it imports beforehand."""
     command = [sys.executable, "-m", "tests.mutate", "--count", "1", "--jobs", "1"]
     known, unknown = (
         subprocess.run(

@@ -10,6 +10,7 @@ import yaml
 
 from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with
 from forcemesh.topics import HELPERS, ROLES
+from tests.compose.rig import compose_command
 from tests.fakes.compose_file import (
     CELL_OF,
     COMPOSE,
@@ -23,7 +24,6 @@ from tests.fakes.compose_file import (
     profile,
     variables,
 )
-from tools.compose_rig import compose_command
 
 SAFE = {
     "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,

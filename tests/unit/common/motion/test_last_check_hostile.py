@@ -1,6 +1,6 @@
 """Ten thousand commands of a hostile arbiter: no excessive command leaves a robot's last check.
 
-`make fuzz-commands` sends a million of them.
+`make nightly ARGS=fuzz-commands` sends a million of them.
 """
 
 from pathlib import Path

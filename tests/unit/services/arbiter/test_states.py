@@ -7,7 +7,6 @@ import pytest
 
 from forcemesh.messages import MAY_MOVE, ArbiterState
 from services.arbiter.states import CLEARS, MEANS, TABLE, after
-from tools.arbitration_page import PAGE, page
 
 STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)
 EVENTS = ("ready", "arm", "back_off", "take", "begin", "end", "soften", "hold", "fault", "clear")
@@ -112,8 +111,3 @@ def test_a_state_at_rest_has_a_remedy(state: ArbiterState) -> None:
 def test_a_stop_in_progress_ends_in_the_latch() -> None:
     """No event leads from STOPPING to motion: neither an owner's end nor a new request."""
     assert {after("STOPPING", event) for event in EVENTS} == {"STOPPING", "HOLDING", "FAULT"}
-
-
-def test_the_page_is_generated_from_the_tables() -> None:
-    """docs/arbitration.md has every state, transition, rank and reaction of the code."""
-    assert PAGE.read_text(encoding="utf-8") == page(), "make readme"

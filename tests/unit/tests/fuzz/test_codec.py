@@ -1,4 +1,4 @@
-"""A hundred thousand bad packets: none is accepted. `make fuzz-codec` tries ten million."""
+"""A hundred thousand bad packets: none is accepted. The nightly run tries ten million."""
 
 import random
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Write a substitute for python:3.11-slim-bookworm from this machine's own files, for machines without
 # access to a registry: the unchanged Dockerfile then builds from the wheels in the substitute.
-# usage (root, Debian): tools/base-image.sh WHEELS OUT.tar
+# usage (root, Debian): tests/compose/base-image.sh WHEELS OUT.tar
 set -euo pipefail
 wheels=$1 out=$2
 python=$(python3.11 -c 'import sys; print(sys.base_prefix)')

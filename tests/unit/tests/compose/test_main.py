@@ -12,9 +12,9 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from tools.compose_rig import MOST_REPEATS, Operator, RequirementError
+from tests.compose.rig import MOST_REPEATS, Operator, RequirementError
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.mark.parametrize(("words", "code"), [((), 77), (("--optional",), 0)])
@@ -24,7 +24,7 @@ def test_without_an_engine_it_reports_that_loudly(
     """No test runs and none passes silently: a line for people, a code for programs."""
     environment = {**os.environ, "PATH": str(tmp_path), "DOCKER_HOST": f"unix://{tmp_path}/none"}
     done = subprocess.run(
-        [sys.executable, "-m", "tools.compose_test", *words],
+        [sys.executable, "-m", "tests.compose", *words],
         cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == code, done.stderr
@@ -67,7 +67,7 @@ def operator(stalled_s: float) -> Operator:
     """Return the operator of a cell on such a machine."""
     cell, transport = load_cell(ROOT / "cells" / "demo.yaml"), MemoryTransport()
     bus = Bus(topics.CLIENT, cell.cell, transport, cell, ManualClock())
-    return Operator(bus, cell, Machine(stalled_s))  # type: ignore[arg-type]
+    return Operator(cell, bus, Machine(stalled_s))  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("at_home")

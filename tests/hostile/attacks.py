@@ -1,6 +1,6 @@
 """Nine attacks of unauthorised clients on the bus of a running cell: none may move the arm.
 
-python -m tools.attacks --cell FILE [--folder CERTIFICATES] [--json]
+python -m tests.hostile.attacks --cell FILE [--folder CERTIFICATES]
 
 Needs a cell at rest, TLS, and the folder of `forcemesh pki init`, with whose authority it issues
 a certificate for an unknown name. It moves the arm by a few degrees first, to record commands
@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -65,6 +65,14 @@ class Outcome:
     def stopped(self) -> bool:
         """Return whether nothing has moved."""
         return self.moved_rad < MOVED_RAD
+
+    def __str__(self) -> str:
+        verdict, connection = (
+            "ok  " if self.stopped else "FAIL",
+            "let in" if self.let_in else "refused",
+        )
+        passed = f"{self.forwarded} messages forwarded, moved {self.moved_rad:.6f} rad"
+        return f"{verdict} {self.attack}: {connection}, {passed}"
 
 
 class Scene:
@@ -284,24 +292,15 @@ def _session(settings: dict[str, object]) -> Iterator[zenoh.Session]:
 
 def main() -> int:
     """Try all attacks, print the results."""
-    parser = argparse.ArgumentParser(prog="tools.attacks", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.hostile.attacks", description=__doc__)
     parser.add_argument("--cell", required=True)
     parser.add_argument("--folder", type=Path)
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     cell = load_cell(given.cell)
     wrong = 0
     for outcome in attack_all(cell, given.folder or folder_of(cell)):
         wrong += not outcome.stopped
-        if given.json:
-            print(json.dumps(asdict(outcome)), flush=True)
-            continue
-        connection = "connected" if outcome.let_in else "refused"
-        print(
-            f"{'ok  ' if outcome.stopped else 'FAIL'} {outcome.attack}: {connection}, "
-            f"{outcome.forwarded} messages forwarded, moved {outcome.moved_rad:.6f} rad",
-            flush=True,
-        )
+        print(outcome, flush=True)
     return 1 if wrong else 0
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A separate Docker engine in its own network namespace: this machine's network, and an
 # engine that may be running already, are not affected; it has no external access.
-# usage (root): tools/engine.sh start FOLDER | stop FOLDER        FOLDER/env then says where it is
+# usage (root): tests/compose/engine.sh start FOLDER | stop FOLDER        FOLDER/env then says where it is
 set -euo pipefail
 verb=$1 folder=$2
 namespace=forcemesh-$(basename "$folder")

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from common.config.cell import CellConfig
-from tools.compose_rig import Compose, Operator, RequirementError, in_namespace, run, run_check
+from tests.compose.rig import Compose, Operator, RequirementError, in_namespace, run, run_check
 
 HEALTHY_S = 60.0
 DEFAULT_HEALTHY_S = 30.0
@@ -35,7 +35,7 @@ def another_profile(compose: Compose, _cell: CellConfig, operator: Operator) -> 
             f"`docker compose up` has changed {before} to {containers_of(compose)}"
         )
     _is_still("robot-sim", compose)
-    operator.until(operator.all_well, 30.0, "all well beside a simulation that stands back")
+    operator.until(operator.all_well, "all well beside a simulation that stands back")
     return f"the simulation stands back, {len(before)} containers as before"
 
 
@@ -89,7 +89,7 @@ def open_to_others(compose: Compose) -> str:
     refused = []
     for port in ("HUB", "PANEL"):
         name = f"FORCEMESH_PUBLISH_{port}"
-        os.environ[name] = "0.0.0.0"  # noqa: S104 - it must be refused
+        os.environ[name] = "0.0.0.0"
         try:
             compose("up", "-d", "--no-build")
             compose.wait_log("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
@@ -112,11 +112,11 @@ def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> 
     try:
         real("up", "-d", "--no-build")
         real.wait_log("real-cell", "real-cell: in use with /cells/emulated.yaml", WAITS_S)
-        _comes("gateway", real)
+        _becomes("gateway", real, running=True)
         _is_still("robot-sim", real)
         gateway = real.facts("gateway")["State"]["StartedAt"]
         compose("up", "-d", "--no-build")
-        _comes("hub", real)
+        _becomes("hub", real, running=True)
         _is_still("robot-sim", real)
         if real.facts("gateway")["State"]["StartedAt"] != gateway:
             raise RequirementError("`docker compose up` has started the gateway anew")
@@ -125,19 +125,12 @@ def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> 
     return "in both orders the gateway runs and the simulation does not"
 
 
-def _comes(name: str, compose: Compose) -> None:
+def _becomes(name: str, compose: Compose, *, running: bool) -> None:
     give_up_s = time.monotonic() + WAITS_S
-    while not runs(name, compose):
+    while runs(name, compose) != running:
         if time.monotonic() > give_up_s:
-            raise RequirementError(f"{name} does not run: {compose('logs', '--no-color', name)}")
-        time.sleep(0.5)
-
-
-def _ends(name: str, compose: Compose) -> None:
-    give_up_s = time.monotonic() + WAITS_S
-    while runs(name, compose):
-        if time.monotonic() > give_up_s:
-            raise RequirementError(f"{name} runs beside the profile {compose.profile}")
+            log = compose("logs", "--no-color", name)
+            raise RequirementError(f"{name} {'does not run' if running else 'runs'}: {log}")
         time.sleep(0.5)
 
 
@@ -149,7 +142,7 @@ def no_cell_file(command: tuple[str, ...]) -> str:
         real.wait_log("real-cell", "CELL=my-cell.yaml docker compose --profile real up")
         # Where the simulation's container came first its file was in use for a moment.
         for name in ("hub", "robot-sim", "gateway"):
-            _ends(name, real)
+            _becomes(name, real, running=False)
         os.environ["CELL"] = "emulated.yaml"
         real("up", "-d", "--no-build")
         real.wait_log("real-cell", "in use with /cells/emulated.yaml")

@@ -1,10 +1,9 @@
-"""Checks of running containers; `make compose-test` runs them in the namespace of their ports.
+"""Checks of the running containers of a profile, in the namespace of their published ports.
 
-python -m tools.compose_checks PROFILE CELL
+`python -m tests.compose.checks PROFILE`, run by `make compose-test`.
 """
 
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -21,17 +20,17 @@ from common.bus.configured_cell import ConfiguredCell as Client
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
+from forcemesh.identity import folder_of
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import Empty, RecordRequest
 from forcemesh.topics import TOPICS
 from services.panel.access import TOKEN_VARIABLE
+from tests.chaos.common_net import ROOT
 from tests.chaos.witness import witness
-from tools.attacks import ATTACKS
-from tools.compose_profiles import another_profile
-from tools.compose_rig import (
+from tests.compose.profiles import another_profile
+from tests.compose.rig import (
     PRESS_N,
     PROJECT,
-    ROOT,
     Compose,
     Operator,
     RequirementError,
@@ -39,6 +38,7 @@ from tools.compose_rig import (
     run,
     run_check,
 )
+from tests.hostile.attacks import ATTACKS, attack_all
 
 HEALTHY_S = 60.0
 HELD_S = 0.35  # docs/reliability.md: at rest, real processes, deadlines of the demo
@@ -139,7 +139,7 @@ def recorded(_compose: Compose, cell: CellConfig, _operator: Operator) -> str:
 def topics_received(_compose: Compose, _cell: CellConfig, operator: Operator) -> str:
     """From outside, with a certificate, every topic is received."""
     expected = {topic.key for topic in TOPICS if not topic.occasional}
-    operator.until(lambda: operator.received() == expected, 15.0, f"all of {len(expected)} topics")
+    operator.until(lambda: operator.received() == expected, f"all of {len(expected)} topics", 15.0)
     return f"{len(expected)} topics received from outside"
 
 
@@ -159,14 +159,11 @@ def _played(cell: CellConfig, operator: Operator) -> Trace:
         return script.run()
 
 
-def attacked(compose: Compose, _cell: CellConfig, _operator: Operator) -> str:
+def attacked(compose: Compose, cell: CellConfig, _operator: Operator) -> str:
     """Nine attacks move nothing, and the hub logs the cause of each refusal."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tools.attacks", "--cell", str(_file_of(compose))],
-        capture_output=True, text=True, check=False, cwd=ROOT,
-    )  # fmt: skip
-    if done.returncode != 0 or done.stdout.count("ok  ") != len(ATTACKS):
-        raise RequirementError(done.stdout + done.stderr)
+    for outcome in attack_all(cell, folder_of(cell)):
+        if not outcome.stopped:
+            raise RequirementError(str(outcome))
     log = compose("logs", "--no-color", "hub")
     silent = [attack.name for attack in ATTACKS if f"refused {attack.code}" not in log]
     if silent:
@@ -191,7 +188,7 @@ def full_disk(compose: Compose, _cell: CellConfig, operator: Operator) -> str:
 
 def fault_injected(compose: Compose, how: str, name: str, operator: Operator) -> str:
     """Disable a container while the arm presses: it holds in time, recovery moves nothing."""
-    operator.press()
+    operator.press_until_steady()
     container = compose.id(name)
     network = f"{PROJECT}_{'robot' if name == 'controller-sim' else 'bus'}"
     if how == "kill":
@@ -203,7 +200,7 @@ def fault_injected(compose: Compose, how: str, name: str, operator: Operator) ->
     try:
         took = "not observable: the bus is down"
         if name != "hub":
-            held_s = operator.until(lambda: operator.is_held(name), HELD_S, "the hold")
+            held_s = operator.until(lambda: operator.is_held(name), "the hold", HELD_S)
             took = f"held at most {1e3 * held_s:.0f} ms after the engine had finished"
         time.sleep(1.0)
     finally:
@@ -214,10 +211,10 @@ def fault_injected(compose: Compose, how: str, name: str, operator: Operator) ->
         else:
             run("docker", "network", "connect", "--alias", name, network, container)
     operator.rests(STEADY_S)
-    operator.until(operator.all_well, 30.0, "all well again")
+    operator.until(operator.all_well, "all well again")
     operator.rests(STEADY_S)
-    harder_N = operator.force_N() - PRESS_N
-    if harder_N > HARDER_N:
+    harder_N = operator.force_N - PRESS_N
+    if not harder_N <= HARDER_N:  # nor while it is unknown
         raise RequirementError(f"press force increased by {harder_N:.1f} N")
     operator.retreat()
     return f"{took}; nothing moved after the recovery"
@@ -225,12 +222,12 @@ def fault_injected(compose: Compose, how: str, name: str, operator: Operator) ->
 
 def crashed(compose: Compose, name: str, operator: Operator) -> str:
     """A process that ends by itself is restarted by the engine, and stays in IDLE."""
-    operator.press()
+    operator.press_until_steady()
     with suppress(RequirementError):  # the killing process ends with the container
         run("docker", "exec", compose.id(name), "python", "-c", KILL_THE_SERVICE)
-    operator.until(lambda: operator.state() not in MAY_MOVE, HELD_S, "the hold")
+    operator.until(lambda: operator.state not in MAY_MOVE, "the hold", HELD_S)
     operator.rests(STEADY_S)
-    operator.until(operator.all_well, 30.0, "all well again")
+    operator.until(operator.all_well, "all well again")
     operator.rests(STEADY_S)
     restarts = compose.facts(name)["RestartCount"]
     if restarts < 1:
@@ -261,7 +258,7 @@ def main() -> int:
     with ExitStack() as exits:
         folder = Path(exits.enter_context(TemporaryDirectory(prefix="forcemesh-compose-")))
         bus = exits.enter_context(open_bus(cell, topics.CLIENT))
-        operator = Operator(bus, cell, exits.enter_context(witness(folder)))
+        operator = Operator(cell, bus, exits.enter_context(witness(folder)))
         operator.at_home()
         checks: list[Check] = [topics_received, hardened, ports, panel_access, recorded]
         checks += [demo, attacked, full_disk, another_profile]

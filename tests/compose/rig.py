@@ -6,6 +6,7 @@ import os
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,21 +17,19 @@ from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import MAY_MOVE, ArbiterStatus, RobotState
+from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
-from forcemesh.topics import HEALTH, ROLES, TOPICS
+from forcemesh.topics import HEALTH, ROLES, TOPICS, Q, Request
+from tests.chaos.common_net import ROOT, CellUnderTest
 from tests.chaos.witness import Witness
 
 T = TypeVar("T")
 
-ROOT = Path(__file__).resolve().parents[1]
 PROJECT = "forcemesh-test"
 PRESS_N = 10.0
 STILL_RAD = 2e-3
-RETREAT_S = 30.0
 MOST_REPEATS = 3  # per profile: with more stalls the machine is not suitable for the test
 STEADY_S = 0.5  # of constant force: the press has settled
-POLL_S = 0.01
 
 
 class RequirementError(Exception):
@@ -115,60 +114,35 @@ class Compose:
         return time.monotonic() - began_s
 
 
-class Operator:
-    """Operator of the cell: moves, presses, holds, and observes the arm."""
+class Operator(CellUnderTest):
+    """Client that moves, presses, holds, and observes the arm of the cell in the containers."""
 
-    def __init__(self, bus: Bus, cell: CellConfig, witness: Witness) -> None:
+    poll_s = 0.01  # the containers need the processor
+
+    def __init__(self, cell: CellConfig, bus: Bus, witness: Witness) -> None:
         """Subscribe to every topic."""
-        self._bus, self._witness = bus, witness
+        super().__init__(cell, bus)
+        self._witness = witness
         self._deadline_s = min(cell.deadlines.command_s, cell.deadlines.sensor_s)
         self.repeats = 0
-        self.readers = {topic.key: bus.reader(topic) for topic in TOPICS}
-        self._home: tuple[float, ...] | None = None
+        self.readers: dict[str, Any] = {topic.key: bus.reader(topic) for topic in TOPICS}
+        self._home: tuple[float, ...] = ()
 
     def received(self) -> set[str]:
         """Return the topics with at least one received message."""
-        now_ns = self._bus.clock.now_ns()
+        now_ns = self.clock.now_ns()
         return {k for k, r in self.readers.items() if r.read(now_ns).message is not None}
 
-    def state(self) -> str:
-        """Return the arbiter's state, empty while it is silent."""
-        reading = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns())
-        return "" if reading.fresh is None else str(getattr(reading.fresh, "state", ""))
-
-    def _why(self) -> str:
-        """Return the state and causes that the arbiter reports."""
-        status = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns()).fresh
-        if not isinstance(status, ArbiterStatus):
-            return "the arbiter is silent"
-        causes = [*(trip.text for trip in status.trips), *status.not_ready]
-        return f"the arbiter is {status.state}: {'; '.join(causes) or 'nothing tripped'}"
-
-    def arm(self) -> RobotState | None:
-        """Return the last robot state, if it is fresh."""
-        reading = self.readers[topics.ROBOT_STATE.key].read(self._bus.clock.now_ns())
-        return reading.fresh if isinstance(reading.fresh, RobotState) else None
-
-    def force_N(self) -> float:
-        """Return the magnitude of the force at the tool [N], 0 while it is unknown."""
-        reading = self.readers[topics.WRENCH.key].read(self._bus.clock.now_ns())
-        return math.hypot(*getattr(reading.fresh, "force_N", (0.0,)))
-
-    def until(self, what: Callable[[], object], within_s: float, name: str) -> float:
-        """Wait for a condition; return the time taken [s]."""
-        began_s = time.monotonic()
-        while not what():
-            if time.monotonic() - began_s > within_s:
-                raise RequirementError(f"not within {within_s:g} s: {name}; {self._why()}")
-            time.sleep(POLL_S)
-        return time.monotonic() - began_s
+    def joints(self) -> tuple[float, ...]:
+        """Return the joint angles of the last robot state [rad], empty if it is not fresh."""
+        return () if self.robot is None else self.robot.joint_rad
 
     def at_home(self) -> None:
         """Store the present pose as the home pose."""
-        self.until(self.arm, 30.0, "robot/state")
-        self._home = getattr(self.arm(), "joint_rad", None)
+        self.until(self.joints, "robot/state")
+        self._home = self.joints()
 
-    def press(self) -> None:
+    def press_until_steady(self) -> None:
         """From rest in free space, press on the plate."""
         self.again_after_a_stall(self._press)
 
@@ -191,87 +165,71 @@ class Operator:
 
     def _press(self) -> None:
         self.clear()
-        self._do(topics.ARM, ArmRequest())
-        self._do(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=PRESS_N))
+        self.insist(topics.ARM, ArmRequest())
+        self.insist(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=PRESS_N))
         steady_since_s = time.monotonic()
 
         def is_steady() -> bool:
             nonlocal steady_since_s
-            if abs(self.force_N() - PRESS_N) > 1.0:
+            if not abs(self.force_N - PRESS_N) <= 1.0:  # nor while it is unknown
                 steady_since_s = time.monotonic()
             return time.monotonic() - steady_since_s > STEADY_S
 
-        self.until(is_steady, 40.0, f"pressing with {PRESS_N} N")
+        self.until(is_steady, f"pressing with {PRESS_N} N", 40.0)
 
     def clear(self) -> None:
         """Return to IDLE, as a person does, and wait until arming would be accepted."""
 
         def is_idle() -> bool:
-            if self.state() not in {"", "IDLE"}:
-                self._request(topics.CLEAR, Empty())
-            return self.state() == "IDLE"
+            if self.state not in {"", "IDLE"}:
+                self._try(topics.CLEAR, Empty())
+            return self.state == "IDLE"
 
-        self.until(is_idle, 30.0, "IDLE after clear")
+        self.until(is_idle, "IDLE after clear")
 
     def retreat(self) -> None:
         """Move back to where the first press began."""
         self.clear()
-        self._do(topics.ARM, ArmRequest(purpose="jog"))
-        home = self._home
-        self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))
-        self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the return path")
+        self.insist(topics.ARM, ArmRequest(purpose="jog"))
+        home = MoveRequest(kind="joints", joint_rad=self._home, speed_m_s=0.05)
+        self.insist(topics.MOVE, home)
+        self.until(lambda: self._distance_rad(self._home) < 2 * STILL_RAD, "the return path")
         time.sleep(0.5)
-        self._request(topics.HOLD, HoldRequest(reason="back again"))
+        self._try(topics.HOLD, HoldRequest(reason="back again"))
         self.clear()
 
     def rests(self, seconds: float) -> None:
         """Observe the arm for a duration: it must not move, nor have permission to."""
-        self.until(self.arm, 30.0, "robot/state again")
-        before = getattr(self.arm(), "joint_rad", ())
+        self.until(self.joints, "robot/state again")
+        before = self.joints()
         give_up_s = time.monotonic() + seconds
         while time.monotonic() < give_up_s:
-            if self.state() in MAY_MOVE:
-                raise RequirementError(
-                    f"motion is permitted again without a person: {self.state()}"
-                )
-            if self._distance(before) > STILL_RAD:
+            if self.state in MAY_MOVE:
+                raise RequirementError(f"motion is permitted again without a person: {self.state}")
+            if self._distance_rad(before) > STILL_RAD:
                 raise RequirementError("the arm moves again without a person")
-            time.sleep(POLL_S)
+            time.sleep(self.poll_s)
 
     def is_held(self, broken: str) -> bool:
         """Return whether robot or arbiter report a hold, even if one of them is missing."""
-        arm, state = self.arm(), self.state()
-        if arm is not None and arm.hold_reason:
+        robot, state = self.robot, self.state
+        if robot is not None and robot.hold_reason:
             return True
         return broken != "arbiter" and state != "" and state not in MAY_MOVE
 
     def all_well(self) -> bool:
         """Return whether every role's health is fresh and reports no fault."""
-        healths = [self._read(HEALTH[role].key) for role in ROLES]
+        now_ns = self.clock.now_ns()
+        healths = [self.readers[HEALTH[role].key].read(now_ns).fresh for role in ROLES]
         return all(health is not None and not health.fault for health in healths)
 
-    def _distance(self, joints: Any) -> float:
-        arm = self.arm()
-        return 0.0 if arm is None or not joints else math.dist(arm.joint_rad, joints)
+    def _distance_rad(self, joints: tuple[float, ...]) -> float:
+        now = self.joints()
+        return math.dist(now, joints) if now and joints else 0.0
 
-    def _read(self, key: str) -> Any:
-        return self.readers[key].read(self._bus.clock.now_ns()).fresh
-
-    def _request(self, request: Any, message: Any) -> Any:
-        try:
-            return self._bus.ask(request, message, 2.0)
-        except ForcemeshError:
-            return None  # the server is missing: the state shows it
-
-    def _do(self, request: Any, message: Any) -> None:
-        give_up_s = time.monotonic() + 30.0
-        while True:
-            reply = self._request(request, message)
-            if reply is not None and reply.accepted:
-                return
-            if time.monotonic() > give_up_s:  # a temporary obstacle has passed by then
-                raise RequirementError(f"{request.key}: {reply}")
-            time.sleep(0.2)
+    def _try(self, request: Request[Q], message: Q) -> None:
+        with suppress(ForcemeshError):  # the server is missing: the state shows it
+            self.client.ask(request, message)
 
 
 def compose_command() -> tuple[str, ...]:

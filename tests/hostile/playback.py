@@ -1,38 +1,30 @@
 """Playback of a whole recording: no command of a life that is over moves an arm.
 
-python -m tools.playback [FILE] [--cell NAME]
-
-Records every message of a simulated cell that is armed and moves. Plays the recording back on its
-own keys and under another boot, so that the age of its messages counts from their receipt: into
-another start of the cell, armed, and to a robot that has known no arbiter. Exit code 1 if the arm
-moved or the robot executed a command. It uses Zenoh and MessagePack, as the hostile client does.
+Every message of a simulated cell that is armed and moves is recorded, and played back on its own
+keys and under another boot, so that the age of its messages counts from their receipt: into another
+start of the cell, armed, and to a robot that has known no arbiter.
 """
 
-import argparse
-import json
-import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from operator import sub
+from pathlib import Path
 from typing import Any
 
 import msgpack
 
-from tools.hostile import (
+from common.config.cell import CellConfig
+from tests.hostile.client import (
     HOLD_S,
     MOVED_RAD,
     PATIENCE_S,
     PLAYED_BOOT,
     ROLES,
-    ROOT,
     HostileClient,
-    connected,
-    free_place,
-    running_cell,
 )
+from tests.hostile.target import client_of
 
 MOVE = {"kind": "by", "joint_rad": (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)}
 MOVES_S = 2.0
@@ -81,46 +73,16 @@ def played_back(client: HostileClient, recording: Recording) -> dict[str, Any]:
     return {"moved_rad": moved_rad, "holds": dict(holds)}
 
 
-@contextmanager
-def robot_alone(cell_file: str) -> Iterator[str]:
-    """Start the hub and the simulated robot of a cell without an arbiter; yield the endpoint."""
-    with free_place() as (endpoint, _, environment):
-        processes = [
-            subprocess.Popen(
-                [sys.executable, "-m", module, "--cell", cell_file], cwd=ROOT, env=environment
-            )
-            for module in ("services.hub", "sim.robot")
-        ]
-        try:
-            yield endpoint
-            if any(process.poll() is not None for process in processes):
-                sys.exit("the hub or the robot ended")
-        finally:
-            for process in processes:
-                process.terminate()
-                process.wait(PATIENCE_S)
-
-
-@contextmanager
-def client_at(endpoint: str, cell: str) -> Iterator[HostileClient]:
-    """Yield a client of a cell."""
-    session = connected(endpoint)
-    try:
-        yield HostileClient(session, cell, seed=1)
-    finally:
-        session.close()
-
-
-def play_back(cell_file: str, cell: str) -> dict[str, Any]:
+def play_back(cell: CellConfig, path: Path) -> dict[str, Any]:
     """Record a moving cell; play it into a new start of the cell, and to a robot alone."""
-    with running_cell(cell_file) as endpoint, client_at(endpoint, cell) as client:
+    with client_of(cell, path) as client:
         recording = recorded_job(client)
-    with running_cell(cell_file) as endpoint, client_at(endpoint, cell) as client:
+    with client_of(cell, path) as client:
         client.ready()
         time.sleep(GOOD_S)
         armed = in_time(client.armed)
         in_a_cell = played_back(client, recording)
-    with robot_alone(cell_file) as endpoint, client_at(endpoint, cell) as client:
+    with client_of(cell, path, roles=frozenset({"hub", "robot"})) as client:
         client.until_received({"robot/state"})
         alone = played_back(client, recording)
     permitted = Counter(fields["kind"] for *_, fields in recording if fields.get("permission"))
@@ -139,18 +101,3 @@ def is_unaffected(found: dict[str, Any]) -> bool:
     executed = "" in found["robot_alone"]["holds"]
     is_proof = found["armed"] and found["permitted"].get("goal", 0) > 0
     return bool(is_proof and moved_rad < MOVED_RAD and not executed)
-
-
-def main() -> int:
-    """Play back, print the results."""
-    parser = argparse.ArgumentParser(prog="tools.playback", description=__doc__)
-    parser.add_argument("file", nargs="?", default="cells/demo.yaml", help="a simulated cell")
-    parser.add_argument("--cell", default="demo", help="its name on the bus")
-    given = parser.parse_args()
-    found = play_back(given.file, given.cell)
-    print(json.dumps(found, indent=1))
-    return 0 if is_unaffected(found) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,10 +1,9 @@
 """Container test: build the image, start the containers, inject faults, attack, take them down.
 
-make compose-test ARGS="--profile sim"
-
-Uses the running Docker engine; without one, and as root, it starts its own in a separate network
-namespace, with a substitute for the base image made from this machine's files. Exit code
-0 if all requirements are met, 1 if one is not, 77 if no engine is available: nothing was tested.
+`make compose-test ARGS="--profile sim"` uses the running Docker engine; without one, and as root,
+it starts its own in a separate network namespace, with a substitute for the base image made from
+this machine's files. Exit code 0 if all requirements are met, 1 if one is not, 77 if no engine is
+available: nothing was tested.
 """
 
 import argparse
@@ -20,10 +19,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from cli.pki import WRITTEN
-from tools.compose_profiles import check_profiles
-from tools.compose_rig import (
+from tests.chaos.common_net import ROOT
+from tests.compose.profiles import check_profiles
+from tests.compose.rig import (
     PROJECT,
-    ROOT,
     Compose,
     RequirementError,
     compose_command,
@@ -32,6 +31,7 @@ from tools.compose_rig import (
     run,
 )
 
+HERE = Path(__file__).parent
 NO_ENGINE = 77
 PROFILES = ("sim", "emulated")
 OWN_TOOLS = ("dockerd", "docker", "ip", "nsenter", "chroot", "dpkg", "python3.11")
@@ -48,7 +48,7 @@ class NoEngineError(Exception):
 
 def main() -> int:
     """Run the requested profiles; return the exit code."""
-    parser = argparse.ArgumentParser(prog="tools.compose_test", description=__doc__)
+    parser = argparse.ArgumentParser(prog="make compose-test ARGS=...", description=__doc__)
     parser.add_argument("--profile", action="append", choices=PROFILES, help="again for more")
     parser.add_argument(
         "--optional", action="store_true", help="exit code 0 if no engine is available"
@@ -105,7 +105,7 @@ def engine(folder: Path) -> Iterator[str]:
     if engine_runs():
         yield ""
         return
-    script = str(ROOT / "tools" / "engine.sh")
+    script = str(HERE / "engine.sh")
     base = folder.with_name("base.tar")
     try:
         subprocess.run([script, "start", str(folder)], check=True)
@@ -115,7 +115,7 @@ def engine(folder: Path) -> Iterator[str]:
         os.environ.update(environment_of(folder / "env"))
         try:
             fetch_wheels()
-            make_base = [str(ROOT / "tools" / "base-image.sh"), str(WHEELS), str(base)]
+            make_base = [str(HERE / "base-image.sh"), str(WHEELS), str(base)]
             subprocess.run(make_base, check=True, timeout=BASE_S)
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
             raise NoEngineError(f"no base image: {error}") from error
@@ -172,7 +172,7 @@ def check(profile: str, namespace: str) -> int:
     try:
         compose("up", "-d", "--no-build")
         environment = {**os.environ, "FORCEMESH_ENDPOINT": "tls/127.0.0.1:7447"}
-        words = in_namespace(namespace, sys.executable, "-m", "tools.compose_checks", profile)
+        words = in_namespace(namespace, sys.executable, "-m", "tests.compose.checks", profile)
         code = subprocess.run(
             words, cwd=ROOT, env=environment, check=False, timeout=CHECK_S
         ).returncode

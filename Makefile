@@ -60,7 +60,6 @@ bench: setup ## measure what the pages state: ARGS="force --quick", ARGS=--help
 docs: setup ## write the generated pages; into out/ the wheel of the library and the components of the image (CycloneDX)
 	@mkdir -p out
 	@$(BIN)/python -m tools.pages
-	@$(BIN)/python -m tools.schema_page
 	@$(BIN)/python -m tools.cli_page
 	@cd forcemesh && ../$(BIN)/python -m hatchling build -t wheel -d ../out
 	@$(BIN)/cyclonedx-py requirements requirements-run.lock --pyproject pyproject.toml --output-reproducible \

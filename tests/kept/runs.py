@@ -27,7 +27,6 @@ class Run:
     actions: Callable[[KeptRig], None]
     file: str = SIM
     changes: dict[str, Any] = field(default_factory=lambda: dict(NEAR))
-    is_short: bool = False  # `make test` runs it too
 
     def run_cell(self) -> KeptRig:
         """Run it from the start of a cell."""
@@ -197,7 +196,7 @@ RUNS: dict[str, Run] = {
     **_modes("", TCP, law="adaptive", host="controller"),
     "guided": Run(guided),
     "path": Run(follow_path, changes=TILTED),
-    "moves-sim": Run(moved, changes={"sim.gap_m": 0.05}, is_short=True),
+    "moves-sim": Run(moved, changes={"sim.gap_m": 0.05}),
     "moves-tcp": Run(moved, TCP, {"sim.gap_m": 0.05}),
     "sensor-silent": Run(partial(spoiled, change=lambda _: None)),
     "sensor-fault": Run(partial(spoiled, change=failed)),
@@ -211,9 +210,7 @@ RUNS: dict[str, Run] = {
         partial(frozen, role="regulator", stalls_s=(0.02, 0.05), law="adaptive")
     ),
     "late-arbiter": Run(partial(frozen, role="arbiter", stalls_s=(0.03, 0.15))),
-    "stalls-pc": Run(
-        partial(stalled, out_s=(0.05, 0.12), in_s=(0.05, 0.12), host="pc"), TCP, is_short=True
-    ),
+    "stalls-pc": Run(partial(stalled, out_s=(0.05, 0.12), in_s=(0.05, 0.12), host="pc"), TCP),
     "stalls-controller": Run(
         partial(stalled, out_s=(0.05, 0.2), in_s=(0.05,), host="controller"), TCP
     ),

@@ -13,12 +13,8 @@ from services.regulator import law
 from tests.kept.outputs import FOLDER, MOST_APART, Kept, differences, kept_of, read, windows
 from tests.kept.runs import RUNS
 
-LONG = [
-    pytest.param(name, marks=[] if run.is_short else pytest.mark.long) for name, run in RUNS.items()
-]
 
-
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", RUNS)
 def test_a_kept_run_is_as_it_was(name: str) -> None:
     """Every number to 1e-9, every state, code and packet at its millisecond."""
     assert differences(read(name), kept_of(RUNS[name].run_cell())) == []

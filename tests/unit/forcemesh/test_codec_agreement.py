@@ -21,37 +21,11 @@ from forcemesh.requests import ForceStartRequest
 from tests.fakes.records import places, put
 from tests.unit.forcemesh.test_codec import anything, each_type, read, spelled_out
 
-EDGES = (
-    0.0,
-    -0.0,
-    0,
-    1,
-    -1,
-    5e-324,
-    1.0,
-    1.01,
-    100.0,
-    1e308,
-    -1e308,
-    math.nan,
-    math.inf,
-    -math.inf,
-)
-WORDS = (
-    "",
-    "pc",
-    "position",
-    "x" * 500,
-    "x" * 501,
-    "plain\n",
-    "a" * 31,
-    "a" * 32,
-    None,
-    True,
-    False,
-)
+EDGES = (0.0, -0.0, 0, 1, -1, 5e-324, 1.0, 1.01, 100.0, 1e308, -1e308)
+NOT_FINITE = (math.nan, math.inf, -math.inf)
+WORDS = ("", "pc", "position", "x" * 500, "x" * 501, "plain\n", "a" * 31, "a" * 32)
 odd: st.SearchStrategy[Any] = anything | st.sampled_from(
-    (*EDGES, *WORDS, (), (0.0,) * 17, (0.0,) * 65, {})
+    (*EDGES, *NOT_FINITE, *WORDS, None, True, False, (), (0.0,) * 17, (0.0,) * 65, {})
 )
 
 

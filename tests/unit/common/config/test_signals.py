@@ -61,7 +61,8 @@ def cell_of(signals: Any, file: str = "demo.yaml", **changes: Any) -> CellConfig
     ],
 )
 def test_a_mistake_is_refused_with_its_place(signals: Any, text: str) -> None:
-    """At loading."""
+    """At loading; six groups are not too many."""
+    cell_of({f"a{k}": {"output": 16 * k + 1} for k in range(6)})
     with pytest.raises(ConfigError) as refused:
         cell_of(signals)
     assert text in str(refused.value)

@@ -8,37 +8,15 @@ from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.overruns import Overruns, allowed_gap_s
-from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
-from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.messages import Health
 from forcemesh.topics import ROLES
 from tests.fakes.bench import CELL
+from tests.unit.common.runtime.test_service import Reported, SlowWorker, Worker
 
 MS = 1_000_000
 ALLOWED_S = 0.02
-
-
-class SlowService:
-    """A service whose steps take as long as the test sets."""
-
-    period_s = 0.004
-    trigger = None
-    fault = ""
-
-    def __init__(self, clock: ManualClock) -> None:
-        """Start awake."""
-        self.clock = clock
-        self.busy_s = 0.0
-
-    def step(self, _now_ns: int) -> None:
-        """Take long."""
-        self.clock.sleep_s(self.busy_s)
-
-    def counters(self) -> dict[str, int]:
-        """There are no counters."""
-        return {}
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=200))
@@ -72,21 +50,15 @@ def test_every_loop_that_publishes_a_stream_may_miss_a_period_and_no_deadline(
 
 def test_health_reports_overruns_and_the_longest_gap() -> None:
     """From the loop that does the work, not from a thread next to it."""
-    clock, transport = ManualClock(), MemoryTransport()
-    bus = Bus("regulator", CELL.cell, transport, CELL, clock)
-    client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
-    health = client.reader(topics.HEALTH["regulator"])
-    sleeper = SlowService(clock)
-    runner = Runner(sleeper, [HealthReporter(bus, CELL)], clock)
+    clock = ManualClock()
+    worker = SlowWorker(clock, period_s=0.004)
+    reported = Reported(worker, clock, MemoryTransport())
 
     def report_after_2_s(busy_s: float) -> Health:
-        sleeper.busy_s, end_ns = busy_s, clock.now_ns() + 2000 * MS
+        worker.busy_s, end_ns = busy_s, clock.now_ns() + 2000 * MS
         while clock.now_ns() < end_ns:
-            clock.advance_ns(MS)
-            runner.step(clock.now_ns())
-        message = health.read(clock.now_ns()).message
-        assert message is not None
-        return message
+            report = reported.after(0.001)
+        return report
 
     report = report_after_2_s(busy_s=0.0)
     assert (report.overruns, report.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))
@@ -118,23 +90,13 @@ class FixedAccount:
 
 def test_health_names_the_cause_of_the_latest_overrun_for_a_second() -> None:
     """And the share of a core of the process."""
-    transport, clock, account = MemoryTransport(), ManualClock(), FixedAccount()
-    bus = Bus("wrench", CELL.cell, transport, CELL, clock)
-    health = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
-    reporter = HealthReporter(bus, CELL, cast("Any", account))
-
-    def step(after_s: float) -> Health:
-        clock.sleep_s(after_s)
-        reporter.stepped(clock.now_ns(), 0.0, SlowService(clock))
-        message = health.read(clock.now_ns()).message
-        assert message is not None
-        return message
-
-    assert step(0.0).late_cause == ""
-    step(0.2)
-    found = step(0.3)
+    clock, account = ManualClock(), cast("Any", FixedAccount())
+    reported = Reported(Worker(clock, period_s=0.001), clock, MemoryTransport(), account)
+    assert reported.after(0.0).late_cause == ""
+    reported.after(0.2)
+    found = reported.after(0.3)
     assert found.late_cause == "cause of 0.3 s, after 2 steps"
     assert found.numbers["processor_fraction"] == 0.25
     for _ in range(900):
-        found = step(0.002)
+        found = reported.after(0.002)
     assert (found.overruns, found.late_cause) == (0, "")

@@ -11,6 +11,7 @@ import pytest
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.runtime import service as process
+from common.runtime.realtime import ProcessorAccount
 from common.runtime.service import (
     BREAKDOWN_SHOWN_NS,
     LONGEST_PAUSE_S,
@@ -275,12 +276,14 @@ def test_a_scheduled_service_that_breaks_off_is_due_after_a_period() -> None:
 
 
 class SlowWorker(Worker):
-    """A service whose steps take longer than its period."""
+    """A service whose steps take a time."""
+
+    busy_s = 0.3
 
     def step(self, now_ns: int) -> None:
-        """Take three periods."""
+        """Take it."""
         super().step(now_ns)
-        self._clock.sleep_s(3.0 * self.period_s)
+        self._clock.sleep_s(self.busy_s)
 
 
 def test_a_service_that_is_late_steps_again_at_once() -> None:
@@ -324,7 +327,13 @@ class FailingWorker(Worker):
 class Reported:
     """A service with its runner, and a client that reads its health."""
 
-    def __init__(self, worker: Worker, clock: ManualClock, transport: MemoryTransport) -> None:
+    def __init__(
+        self,
+        worker: Worker,
+        clock: ManualClock,
+        transport: MemoryTransport,
+        account: ProcessorAccount | None = None,
+    ) -> None:
         """Contain its errors in a log."""
         self.log: list[str] = []
         self._clock = clock
@@ -332,7 +341,9 @@ class Reported:
         client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
         self._reader = client.reader(topics.HEALTH["wrench"])
         contain = Containment("wrench", self.log.append)
-        self._runner = Runner(worker, [HealthReporter(self.bus, CELL)], clock, contain=contain)
+        self._runner = Runner(
+            worker, [HealthReporter(self.bus, CELL, account)], clock, contain=contain
+        )
 
     def after(self, duration_s: float) -> Health:
         """Step after a time; return the last health."""

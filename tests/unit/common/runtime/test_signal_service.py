@@ -8,13 +8,12 @@ from common.config.load import load_cell
 from common.runtime.signal_service import SignalReading, SignalService
 from forcemesh import topics
 from forcemesh.faults import tripped
-from forcemesh.messages import RobotSignals, Trip
+from forcemesh.messages import Trip
 from forcemesh.requests import Reply, SignalRequest
 from tests.fakes.bench import DEMO, Bench
 from tests.fakes.signals import ALL_OFF, NAMED
 
 KNOWN = SignalReading({9: False, 10: False, 11: False, 1001: False})
-LOST = SignalReading(code="robot_link", reason="a test pulled the cable")
 
 
 class Role:
@@ -61,28 +60,6 @@ def ask(bench: Bench, signal: str, *, on: bool = True, commander: Any = "operato
     """Request an output."""
     request = SignalRequest(signal=signal, on=on, commander=commander)
     return bench.ask(topics.SIGNAL, request)
-
-
-@pytest.mark.parametrize("on", [True, False])
-@pytest.mark.parametrize("signal", ["lamp", "10"])
-def test_a_permitted_output_is_switched(bench: Bench, signal: str, on: bool) -> None:
-    """Once, by its number; the reply has name, number and state."""
-    reply = ask(bench, signal, on=on)
-    assert reply.accepted
-    assert reply.text == f"lamp (output 10) is switched {'on' if on else 'off'}"
-    assert role(bench).switched == [(10, on)]
-
-
-def test_over_a_lost_link_nothing_is_switched_or_invented(bench: Bench) -> None:
-    """The state is not valid and empty, and returns with the link."""
-    role(bench).reading = LOST
-    message = bench.after_step(topics.ROBOT_SIGNALS)
-    assert (message.valid, message.code, message.on) == (False, "robot_link", {})
-    assert "pulled the cable" in message.reason
-    assert ask(bench, "lamp").code == "robot_link"
-    assert role(bench).switched == []
-    role(bench).reading = KNOWN
-    assert bench.after_step(topics.ROBOT_SIGNALS) == RobotSignals(on=ALL_OFF)
 
 
 def test_what_the_robot_cannot_do_now_is_refused(bench: Bench) -> None:

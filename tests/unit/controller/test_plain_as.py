@@ -18,7 +18,6 @@ from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 from tests.fakes.plain_client import PlainClient
 from tests.fakes.plain_controller import PORT, QUICK, TEXT, PlainController, parsed
-from tools.tree import ROOT
 
 WORDS = ("ForceFeedBackPosition", "ForceFeedBackOrientation")
 
@@ -44,17 +43,6 @@ def test_no_name_is_longer_than_as_reads_and_none_is_of_the_other_program() -> N
     assert [name for name in names if len(name) > 15] == []
     assert [name for name in names if name.startswith("fm.")] == []
     assert {word.lower()[:15] for word in WORDS} < names
-
-
-@pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize(
-    "path",
-    ["controller/plain.as", "controller/forcemesh.as", "controller/README.md",
-     "controller/packet_table.py", "docs/controller.md"],
-)  # fmt: skip
-def test_the_words_of_the_specification_are_where_a_reader_of_it_searches(path, word) -> None:
-    """ForceFeedBackPosition and ForceFeedBackOrientation."""
-    assert word in (ROOT / path).read_text(encoding="utf-8")
 
 
 def test_no_subroutine_is_shared_by_two_tasks_and_pc_programs_only_brake() -> None:

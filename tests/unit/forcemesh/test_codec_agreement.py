@@ -150,11 +150,3 @@ def same(fields: Any, values: Any) -> Any:
     # A real number may be packed as an integer; above 2**53 a float is not every integer.
     is_packed_real = isinstance(values, float) and isinstance(fields, int)
     return float(fields) if is_packed_real and not isinstance(fields, bool) else fields
-
-
-def test_a_real_number_that_is_packed_as_an_integer_is_the_nearest_float() -> None:
-    """2**53 + 1 has no float; what is read is the neighbour, as every float of it would be."""
-    fields = put(spelled_out(m.Health), ("numbers", "name"), 2**53 + 1)
-    values = read(msgpack.packb(fields), m.Health).as_dict()
-    assert values | same(fields, values) == values
-    assert values["numbers"]["name"] == float(2**53)

@@ -15,12 +15,9 @@ import pytest
 from common.bus.memory_bus import MemoryTransport
 from common.runtime import realtime, service
 from common.runtime.realtime import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
-from common.runtime.service import HealthReporter
-from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
-from tests.fakes.cellmates import Cellmates
 
 PRINTS_ITS_POLICIES = """
 import os, threading
@@ -223,20 +220,6 @@ def test_memory_is_locked_or_reported_as_unlocked(limit: str) -> None:
     assert found == printed.split()[0]
     if limit == "limited":
         assert printed == "False False"
-
-
-@pytest.mark.parametrize("locked", [True, False])
-def test_health_reports_whether_memory_is_locked(
-    locked: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Next to the report of real-time priority."""
-    monkeypatch.setattr(realtime, "_locked", locked)
-    cell = Cellmates()
-    reader = cell.client.reader(topics.HEALTH["arbiter"])
-    HealthReporter(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
-    message = reader.read(cell.clock.now_ns()).message
-    assert message is not None
-    assert message.counters["memory_locked"] == int(locked)
 
 
 # --- account --------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
+from common.runtime import realtime
 from common.runtime import service as process
 from common.runtime.realtime import ProcessorAccount
 from common.runtime.service import (
@@ -354,8 +355,12 @@ class Reported:
         return message
 
 
-def test_health_reports_the_numbers_of_the_service_and_the_longest_put() -> None:
-    """The longest put since the health before, and nothing where the bus does not know."""
+@pytest.mark.parametrize("is_locked", [True, False])
+def test_health_reports_the_numbers_of_the_service_and_the_longest_put(
+    monkeypatch: pytest.MonkeyPatch, is_locked: bool
+) -> None:
+    """Since the health before, and nothing where the bus does not know; also locked memory."""
+    monkeypatch.setattr(realtime, "_locked", is_locked)
     clock = ManualClock()
     reported = Reported(MeasuringWorker(clock, period_s=0.1), clock, MeteredTransport())
     numbers = [reported.after(0.1).numbers for _ in range(10)][::3]
@@ -366,7 +371,8 @@ def test_health_reports_the_numbers_of_the_service_and_the_longest_put() -> None
     health = reported.after(0.0)
     assert (health.numbers, health.counters.get("requests")) == ({}, None)
     reported.bus.inbox(topics.TARE)
-    assert reported.after(0.3).counters["requests"] == 0
+    counters = reported.after(0.3).counters
+    assert (counters["requests"], counters["memory_locked"]) == (0, is_locked)
 
 
 @pytest.mark.parametrize("error", [RecursionError("deep"), BusError("x")], ids=repr)

@@ -57,9 +57,11 @@ class RequestServer:
 
     def published(self) -> list[ServedRequest]:
         """Return the messages since the last call, each of which fits."""
-        messages = [data for data in iter(self.tap.take, None) if data is not None]
-        assert all(len(data) <= MAX_BYTES for data in messages)
-        return [decode(data, ServedRequest)[1] for data in messages]
+        messages = []
+        while (data := self.tap.take()) is not None:
+            assert len(data) <= MAX_BYTES
+            messages.append(decode(data, ServedRequest)[1])
+        return messages
 
 
 @given(NO_REQUEST)

@@ -31,7 +31,8 @@ def test_every_request_is_published_once_with_its_reply(
     row: Request[Any], data: st.DataObject
 ) -> None:
     """Key, fields to the last digit, time and reply; the request can be sent again."""
-    server, message = RequestServer(row), row.message
+    server = RequestServer(row)
+    message: Any = row.message
     sent: Any = data.draw(records(message))
     reply = Reply(accepted=False, code="force", text="too much", value=61.5, limit=60.0)
     envelope = Envelope(

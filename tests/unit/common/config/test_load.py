@@ -131,8 +131,10 @@ def test_an_unknown_name_is_reported_in_every_section(section: str) -> None:
 @pytest.mark.parametrize("key", [1, 2.5, True, None])
 def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
     """YAML allows numbers as keys; a cell file does not, also inside a section."""
-    assert mistakes({**tree(), "sim": {**tree()["sim"], key: 1}})
-    assert mistakes({**tree(), key: 1})
+    inside: dict[Any, Any] = {**tree()["sim"], key: 1}
+    outside: dict[Any, Any] = {**tree(), key: 1}
+    assert mistakes({**tree(), "sim": inside})
+    assert mistakes(outside)
 
 
 # --- files ----------------------------------------------------------------------------------------

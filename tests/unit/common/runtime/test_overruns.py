@@ -57,8 +57,8 @@ def test_health_reports_overruns_and_the_longest_gap() -> None:
     def report_after_2_s(busy_s: float) -> Health:
         worker.busy_s, end_ns = busy_s, clock.now_ns() + 2000 * MS
         while clock.now_ns() < end_ns:
-            report = reported.after(0.001)
-        return report
+            reported.after(0.001)
+        return reported.after(0.0)
 
     report = report_after_2_s(busy_s=0.0)
     assert (report.overruns, report.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))

@@ -225,7 +225,12 @@ def test_a_service_without_a_trigger_steps_once_a_period() -> None:
     clock = ManualClock()
     pauses_s: list[float] = []
     sleep_s = clock.sleep_s
-    clock.sleep_s = lambda s: (pauses_s.append(s), sleep_s(s))  # type: ignore[assignment, method-assign, return-value]
+
+    def slept(duration_s: float) -> None:
+        pauses_s.append(duration_s)
+        sleep_s(duration_s)
+
+    clock.sleep_s = slept  # type: ignore[method-assign]
     assert run_until(Worker(clock, period_s=0.2), clock, 4) == [0, 200, 400, 600]
     assert max(pauses_s) <= LONGEST_PAUSE_S
 

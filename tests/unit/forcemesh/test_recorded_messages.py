@@ -137,7 +137,7 @@ def test_a_republished_message_has_version_and_address_of_today(version: int, ke
     assert message == decode_recorded(data, BY_KEY[key].message, key)[1]
 
 
-@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x93\x01\x02\x03", pack({"v": 7, "topic": "x"})])
+@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x93\x01\x02\x03", pack({"v": 7}), b"\x80"])
 def test_bytes_that_are_no_message_are_published_unchanged(data: bytes) -> None:
     """The recorder keeps undecodable bytes, and the replay does not repair them."""
     assert readdressed(data, "demo/wrench") == data

@@ -35,18 +35,17 @@ def test_every_request_is_published_once_with_its_reply(
     message: Any = row.message
     sent: Any = data.draw(records(message))
     reply = Reply(accepted=False, code="force", text="too much", value=61.5, limit=60.0)
-    envelope = Envelope(
-        topic=server.address, sender="a program", boot=server.clock.boot,
-        stamp_ns=server.clock.now_ns() - NS_PER_S, wait_s=3.0,
-    )  # fmt: skip
-    server.serve(encode_record(sent, envelope), reply)
+    envelope = Envelope(topic=server.address, sender="a program", wait_s=3.0)
+    stamp = {"boot": server.clock.boot, "stamp_ns": server.clock.now_ns() - NS_PER_S}
+    stamp = data.draw(st.sampled_from([stamp, {}]))
+    server.serve(encode_record(sent, envelope.replaced(**stamp)), reply)
     (served,) = server.published()
     assert (served.request, served.sender, served.reply) == (row.key, "a program", reply)
     assert (served.received_ns, served.fault) == (server.clock.now_ns(), "")
     later = ManualClock(9 * NS_PER_S, boot="another")
     again = request_data(served, server.address, later)
     assert decode_record(again, message) == sent
-    as_old = envelope.replaced(boot=later.boot, stamp_ns=8 * NS_PER_S)
+    as_old = envelope.replaced(boot=later.boot, stamp_ns=8 * NS_PER_S) if stamp else envelope
     assert decode_envelope(again, server.address) == as_old
 
 

@@ -1,6 +1,5 @@
 """Values that a cell file may not hold, at their limits, and those that do not go together."""
 
-from collections.abc import Callable
 from math import nextafter
 from pathlib import Path
 from typing import Any
@@ -37,88 +36,43 @@ def mistakes(changes: dict[str, Any]) -> list[str]:
 
 NETFT = {"roles.sensor": "driver", "sim.netft": True}
 
-AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = {
-    "a lever of the sensor": (
-        lambda lever_m: {"sensor.force_range_N": 99.0, "sensor.torque_range_Nm": 99.0 * lever_m},
-        LONGEST_SENSOR_LEVER_M,
-        "sensor: torque_range_Nm",
-    ),
-    "a set point under the ceiling": (
-        lambda share: {"force.setpoint_max_N": share * DEMO_CELL.limits.force_N},
-        SETPOINT_SHARE,
-        "force.setpoint_max_N is",
-    ),
-    "a corner of the workspace": (
-        lambda size_m: {"limits.workspace_max_m": [size_m, 0.8, 0.6]},
-        FARTHEST_WORKSPACE_M,
-        "limits: workspace from",
-    ),
-    "the other corner": (
-        lambda size_m: {"limits.workspace_min_m": [-size_m, 0.2, -0.2]},
-        FARTHEST_WORKSPACE_M,
-        "limits: workspace from",
-    ),
-    "a bias of force": (
-        lambda share: {"payload.bias_force_N": [0.0, -share * DEMO_CELL.sensor.force_range_N, 0.0]},
-        1.0,
-        "payload.bias_force_N is",
-    ),
-    "a bias of torque": (
-        lambda share: {
-            "payload.bias_torque_Nm": [0.0, 0.0, share * DEMO_CELL.sensor.torque_range_Nm]
-        },
-        1.0,
-        "payload.bias_torque_Nm is",
-    ),
-    "a ceiling of force within the sensor's range": (
-        lambda share: {"limits.force_N": share * DEMO_CELL.sensor.force_range_N},
-        SATURATED_FROM,
-        "limits.force_N is",
-    ),
-    "a ceiling of torque within the sensor's range": (
-        lambda share: {"limits.torque_Nm": share * DEMO_CELL.sensor.torque_range_Nm},
-        SATURATED_FROM,
-        "limits.torque_Nm is",
-    ),
-    "a force at first contact within the sensor's range": (
-        lambda share: {"sensor.force_range_N": 100.0, "force.approach_budget_N": share * 100.0},
-        SATURATED_FROM,
-        "force.approach_budget_N is",
-    ),
-    "a touch within the sensor's range": (
-        lambda share: {
-            "sensor.force_range_N": 50.0,
-            "force.touch_N": share * 50.0,
-            "limits.force_N": 40.0,
-            "force.setpoint_max_N": 28.0,
-        },
-        SATURATED_FROM,
-        "force.touch_N is",
-    ),
-    "counts of force": (
-        lambda share: (
-            NETFT | {"sensor.counts_per_N": share * COUNTS_MOST / DEMO_CELL.sensor.force_range_N}
-        ),
-        1.0,
-        "sensor.counts_per_N is",
-    ),
-    "counts of torque": (
-        lambda share: (
-            NETFT | {"sensor.counts_per_Nm": share * COUNTS_MOST / DEMO_CELL.sensor.torque_range_Nm}
-        ),
-        1.0,
-        "sensor.counts_per_Nm is",
-    ),
-}
+FORCE_N, TORQUE_NM = DEMO_CELL.sensor.force_range_N, DEMO_CELL.sensor.torque_range_Nm
+WEAK = {"sensor.force_range_N": 50.0, "limits.force_N": 40.0, "force.setpoint_max_N": 28.0}
 
 
-@pytest.mark.parametrize("what", AT_THE_LIMIT)
-def test_a_limit_of_several_fields_binds_at_its_value(what: str) -> None:
+@pytest.mark.parametrize(
+    ("others", "field", "limit"),
+    [
+        ({"sensor.force_range_N": 99.0}, "sensor.torque_range_Nm", 99.0 * LONGEST_SENSOR_LEVER_M),
+        ({}, "force.setpoint_max_N", SETPOINT_SHARE * DEMO_CELL.limits.force_N),
+        ({}, "limits.workspace_max_m.0", FARTHEST_WORKSPACE_M),
+        ({}, "limits.workspace_min_m.0", -FARTHEST_WORKSPACE_M),
+        ({}, "payload.bias_force_N.1", -FORCE_N),
+        ({}, "payload.bias_torque_Nm.2", TORQUE_NM),
+        ({}, "limits.force_N", SATURATED_FROM * FORCE_N),
+        ({}, "limits.torque_Nm", SATURATED_FROM * TORQUE_NM),
+        ({"sensor.force_range_N": 100.0}, "force.approach_budget_N", SATURATED_FROM * 100.0),
+        (WEAK, "force.touch_N", SATURATED_FROM * 50.0),
+        (NETFT, "sensor.counts_per_N", COUNTS_MOST / FORCE_N),
+        (NETFT, "sensor.counts_per_Nm", COUNTS_MOST / TORQUE_NM),
+    ],
+)
+def test_a_limit_of_several_fields_binds_at_its_value(
+    others: dict[str, Any], field: str, limit: float
+) -> None:
     """The value at the limit is taken, the next one above is named with its section."""
-    changes, limit, message = AT_THE_LIMIT[what]
-    assert changed(changes(limit * (1.0 - 1e-9))).cell == "demo"
-    (line,) = mistakes(changes(limit * JUST_ABOVE))
-    assert line.startswith(message)
+    section, name, *index = field.split(".")
+
+    def at(value: float) -> dict[str, Any]:
+        if not index:
+            return others | {field: value}
+        vector = list(getattr(getattr(DEMO_CELL, section), name))
+        vector[int(index[0])] = value
+        return others | {f"{section}.{name}": vector}
+
+    assert changed(at(limit * (1.0 - 1e-9))).cell == "demo"
+    (line,) = mistakes(at(limit * JUST_ABOVE))
+    assert line.startswith((f"{section}.{name} is", f"{section}: {name[:9]}"))
 
 
 def test_the_slowest_joint_of_an_arm_is_no_arm() -> None:

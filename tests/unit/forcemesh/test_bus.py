@@ -1,29 +1,27 @@
 """Readers judge, counters count, roles are kept: the bus as services see it, in memory."""
 
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.bus import Bus, Origin
-from forcemesh.clock import ManualClock
+from forcemesh.bus import Origin
 from forcemesh.codec import encode
 from forcemesh.errors import BusError
 from forcemesh.messages import SensorWrench, WrenchAtTcp
 from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS
+from tests.fakes.bench import CELL
 from tests.fakes.line import STALE_S, Line
 from tests.fakes.records import full
+from tests.unit.forcemesh.test_inbox import bus_of
 
-CELL = load_cell(Path(__file__).resolve().parents[3] / "cells" / "demo.yaml")
 MS = 1_000_000
 LONGEST_REASON = "y" * 500
 
-each_role = pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+each_role = pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "unknown"])
 
 
 # --- missing, invalid, stale ----------------------------------------------------------------------
@@ -178,14 +176,14 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
 
 def test_only_the_newest_is_read() -> None:
     """A reader that was busy finds the last of many; missed ones are counted."""
-    clock, transport = ManualClock(), MemoryTransport()
-    bus = Bus("sensor", "demo", transport, CELL, clock)
-    reader = Bus("wrench", "demo", transport, CELL, clock).reader(topics.SENSOR_WRENCH)
-    publisher = bus.publisher(topics.SENSOR_WRENCH)
+    transport = MemoryTransport()
+    bus = bus_of("wrench", transport)
+    reader = bus.reader(topics.SENSOR_WRENCH)
+    publisher = bus_of("sensor", transport).publisher(topics.SENSOR_WRENCH)
     for counter in range(1, 11):
         publisher.put(SensorWrench(counter=counter))
 
-    assert reader.read(clock.now_ns()).message == SensorWrench(counter=10)
+    assert reader.read(bus.clock.now_ns()).message == SensorWrench(counter=10)
     assert not reader.poll()
     publisher.put(SensorWrench(counter=11))
     publisher.put(SensorWrench(counter=12))
@@ -194,11 +192,6 @@ def test_only_the_newest_is_read() -> None:
 
 
 # --- roles ----------------------------------------------------------------------------------------
-
-
-def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
-    """Return a role's view of the demo cell."""
-    return Bus(role, "demo", transport or MemoryTransport(), CELL, ManualClock())
 
 
 def granted(is_granted: bool, refusal: str) -> AbstractContextManager[object]:

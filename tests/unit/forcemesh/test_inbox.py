@@ -22,9 +22,9 @@ DONE = Reply(accepted=True, text="done")
 NO_REQUEST = st.binary(max_size=60).filter(lambda data: data != b"\x80")
 
 
-def bus_of(role: str, transport: MemoryTransport) -> Bus:
+def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
     """Return a role's view of the demo cell."""
-    return Bus(role, "demo", transport, CELL, ManualClock())
+    return Bus(role, "demo", transport or MemoryTransport(), CELL, ManualClock())
 
 
 class RequestServer:

@@ -81,12 +81,6 @@ def test_the_hub_sends_a_client_the_facts_of_its_cell_file() -> None:
         assert info.rate_hz(topic) == world.cell.rate_hz(topic)
     client = Cell(world.cell, bus=world.client)
     assert client.info == ConfiguredCell(world.cell, bus=world.client).info
-
-
-def test_another_cells_hub_does_not_answer() -> None:
-    """A name that is not the cell's gets no answer: the error names it."""
-    world = VirtualCell(load_cell(ROOT / "cells" / "demo.yaml"))
-    world.advance(0.5)
     with pytest.raises(LostError, match=r"did not answer other/info .* is other the cell's name\?"):
         ask_for_info(world.client.transport, "other", 0.1)
 

@@ -19,7 +19,6 @@ from forcemesh.messages import (
     Message,
     Permission,
     RobotCommand,
-    RobotStatus,
     Trip,
     WrenchAtTcp,
 )
@@ -55,24 +54,13 @@ def from_a_frozen_sensor() -> str:
     return bench.published().code
 
 
-def tare(bench: WrenchBench, wait_s: float = 1.0) -> str:
-    """Request a tare."""
+def tare(wait_s: float = 1.0, **state: Any) -> str:
+    """Request a tare after a time, with a force that acts or a status of the robot."""
+    bench = WrenchBench()
+    for name, value in state.items():
+        setattr(bench, name, value)
     bench.pass_s(wait_s)
     return bench.ask(topics.TARE, Empty()).code
-
-
-def tare_in_contact() -> str:
-    """Request a tare while a force acts."""
-    bench = WrenchBench()
-    bench.force_N = np.array([0.0, 0.0, 20.0])
-    return tare(bench)
-
-
-def tare_in_motion() -> str:
-    """Request a tare while the controller reports motion."""
-    bench = WrenchBench()
-    bench.status = RobotStatus(moving=True)
-    return tare(bench)
 
 
 def start(**request: Any) -> str:

@@ -28,21 +28,18 @@ SETTINGS = {
         least_segment_s=0.03, motions_ahead=3, joint_seconds_ignored=True, abs_speed=True,
         tcp_error_stands=True, pc_error_stops_robot=True,
     ),
-    "slow": Behaviour(step_s=1e-3, least_segment_s=0.042, motions_ahead=2, tcp_error_stands=True,
-                      timer_grain_s=0.004),
-    "quick": Behaviour(step_s=1e-4, least_segment_s=0.046, motions_ahead=4,
-                       pc_error_stops_robot=True, planning_stall_s=0.4, stall_at_motions=(1,)),
+    "of a planner": Behaviour(
+        step_s=3e-4, least_segment_s=0.042, motions_ahead=4, timer_grain_s=0.004,
+        pc_error_stops_robot=True, planning_stall_s=0.4, stall_at_motions=(1,),
+        least_speed_m_s=0.0015, accel_time_s=0.15, segment_planning_s=0.006,
+    ),
 }  # fmt: skip
-OF_PLANNER = {"least_speed_m_s": 0.0015, "accel_time_s": 0.15, "segment_planning_s": 0.006}
-if Behaviour.model_fields.keys() >= OF_PLANNER.keys():
-    SETTINGS["planner"] = Behaviour.model_validate(
-        {"step_s": 3e-4, "least_segment_s": 0.035} | OF_PLANNER
-    )
 EXACT = ("whole_second_timeouts", "brake_keeps_prefetched", "send_ignores_timeout", "motions_ahead",
          "stall_at_motions", "joint_seconds_ignored", "abs_speed", "tcp_error_stands",
          "pc_error_stops_robot")  # fmt: skip
 TICK_S = 0.001  # the emulated controller resumes at a tick
-WITHIN = ("step_s", "timer_grain_s", "planning_stall_s", "least_segment_s")
+WITHIN = ("step_s", "timer_grain_s", "planning_stall_s", "least_segment_s", "least_speed_m_s",
+          "accel_time_s", "segment_planning_s")  # fmt: skip
 # What this emulated controller has no word for yet, and no function of its own needs.
 UNKNOWN = re.compile(r".*(WHICHTASK|SWITCH\((?:CONF_VARIABLE|CHG_INTERRUPT|CYCLE\.STOP)).*")
 
@@ -68,7 +65,7 @@ def assert_same(found: Behaviour, expected: Behaviour) -> None:
     """Check that a fingerprint gives back the settings, numbers within 10 %."""
     for name in EXACT:
         assert getattr(found, name) == getattr(expected, name), name
-    for name in (*WITHIN, *(OF_PLANNER.keys() & Behaviour.model_fields.keys())):
+    for name in WITHIN:
         planning_s = TICK_S if name == "segment_planning_s" else 0.0
         value = pytest.approx(getattr(expected, name), rel=0.1, abs=planning_s)
         assert getattr(found, name) == value, name
@@ -107,17 +104,13 @@ def test_the_speed_of_motions_does_not_depend_on_the_monitor_speed() -> None:
     behaviour = Behaviour(step_s=3e-4, least_segment_s=0.06)
     controller = ProbedController(behaviour, speed_percent=10.0)
     found = probed(controller)
-    results = file_of(found).results
-
-    def value(name: str) -> Any:
-        return results[name].value
-
+    value: dict[str, Any] = {name: row.value for name, row in file_of(found).results.items()}
     assert found.follows is True
-    assert value("motion.speed_mm_s") == pytest.approx(10.0, rel=0.02)
-    assert value("motion.acceleration_m_s2") == pytest.approx(2.0, rel=0.05)
-    assert value("motion.linear_full_m_s") == pytest.approx(2.0, rel=0.05)
-    assert value("behaviour.least_segment_s") == pytest.approx(0.06, rel=0.05)
-    assert 0.005 < value("motion.delay_s") + value("motion.lag_s") < 0.02
+    assert value["motion.speed_mm_s"] == pytest.approx(10.0, rel=0.02)
+    assert value["motion.acceleration_m_s2"] == pytest.approx(2.0, rel=0.05)
+    assert value["motion.linear_full_m_s"] == pytest.approx(2.0, rel=0.05)
+    assert value["behaviour.least_segment_s"] == pytest.approx(0.06, rel=0.05)
+    assert 0.005 < value["motion.delay_s"] + value["motion.lag_s"] < 0.02
 
 
 # --- what it leaves alone -------------------------------------------------------------------------

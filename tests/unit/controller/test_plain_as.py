@@ -18,7 +18,6 @@ from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 from tests.fakes.plain_client import PlainClient
 from tests.fakes.plain_controller import PORT, QUICK, TEXT, PlainController, parsed
-from tools.tree import ROOT
 
 WORDS = ("ForceFeedBackPosition", "ForceFeedBackOrientation")
 
@@ -44,17 +43,6 @@ def test_no_name_is_longer_than_as_reads_and_none_is_of_the_other_program() -> N
     assert [name for name in names if len(name) > 15] == []
     assert [name for name in names if name.startswith("fm.")] == []
     assert {word.lower()[:15] for word in WORDS} < names
-
-
-@pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize(
-    "path",
-    ["controller/plain.as", "controller/forcemesh.as", "controller/README.md",
-     "controller/packet_table.py", "docs/controller.md"],
-)  # fmt: skip
-def test_the_words_of_the_specification_are_where_a_reader_of_it_searches(path, word) -> None:
-    """ForceFeedBackPosition and ForceFeedBackOrientation."""
-    assert word in (ROOT / path).read_text(encoding="utf-8")
 
 
 def test_no_subroutine_is_shared_by_two_tasks_and_pc_programs_only_brake() -> None:
@@ -140,28 +128,22 @@ def test_what_is_no_command_of_the_specification_ends_the_connection(client, com
     assert any("not a packet of commands 1 to 7" in line for line in client.controller.printed)
 
 
-@pytest.mark.parametrize("frame", range(9))
-@pytest.mark.parametrize("text", ["+00001", "00E005", "0000 1", "00001x"])
-def test_wrong_characters_are_found_in_every_number(client, frame, text) -> None:
-    """Also a power of ten, which VAL would read, and a space within a number."""
-    numbers = ["000001", "000004", *7 * ["000000"]]
-    numbers[frame] = text
-    client.write("".join(f"{number} " for number in numbers).encode())
-    client.until_closed()
-
-
-@pytest.mark.parametrize("place", range(6, 63, 7))
-def test_each_space_is_needed(client, place) -> None:
-    """A packet that is one character off is no packet."""
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        *((7 * frame, b"+00001") for frame in range(9)),
+        *((7 * frame + 6, b"0") for frame in range(9)),
+        (21, b"00E005"),  # a power of ten, which VAL would read
+        (28, b"0000 1"),
+        (35, b"00001x"),
+        (0, b"000000"),  # IDs are from 1
+    ],
+)
+def test_wrong_characters_are_found_in_every_number(client, place, text) -> None:
+    """Each number and each space is needed: a packet that is one character off is none."""
     data = bytearray(encode(Packet(1, Com.WRENCH), 63))
-    data[place : place + 1] = b"0"
+    data[place : place + len(text)] = text
     client.write(bytes(data))
-    client.until_closed()
-
-
-def test_an_id_below_one_ends_the_connection(client) -> None:
-    """IDs are from 1."""
-    client.write(b"000000 " + encode(Packet(1, 4), 63)[7:])
     client.until_closed()
 
 

@@ -1,30 +1,27 @@
 """Readers judge, counters count, roles are kept: the bus as services see it, in memory."""
 
-from pathlib import Path
-from typing import Any
+from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.bus import Bus, Origin, Reading
-from forcemesh.clock import ManualClock
+from forcemesh.bus import Origin
 from forcemesh.codec import encode
 from forcemesh.errors import BusError
 from forcemesh.messages import SensorWrench, WrenchAtTcp
-from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS, Request, Topic
+from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS
+from tests.fakes.bench import CELL
 from tests.fakes.line import STALE_S, Line
 from tests.fakes.records import full
+from tests.unit.forcemesh.test_inbox import bus_of
 
-CELL = load_cell(Path(__file__).resolve().parents[3] / "cells" / "demo.yaml")
 MS = 1_000_000
 LONGEST_REASON = "y" * 500
 
-each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
-each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
+each_role = pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "unknown"])
 
 
 # --- missing, invalid, stale ----------------------------------------------------------------------
@@ -50,7 +47,7 @@ def test_a_message_is_good_up_to_the_last_nanosecond_and_stale_after_it(line: Li
     line.clock.advance_ns(1)
     reading = line.read()
     assert reading.fault == "sensor/wrench stale: 100 ms old, limit 100 ms"
-    assert reading.fresh is None
+    assert (reading.silent, reading.fresh) == (True, None)
     assert reading.message == SensorWrench(counter=1)
 
 
@@ -59,30 +56,12 @@ def test_a_message_that_the_writer_marks_invalid_is_a_fault_with_its_reason(line
     line.deliver(1, SensorWrench(valid=False, reason="no cable", code="sensor_silent"))
     reading = line.read()
     assert reading.fault == "sensor/wrench invalid: no cable"
-    assert reading.code == "sensor_silent"
+    assert (reading.silent, reading.code) == (False, "sensor_silent")
 
     line.deliver(2, SensorWrench(valid=False))
     reading = line.read()
     assert reading.fault == "sensor/wrench invalid: no reason given"
     assert (reading.fresh, reading.code) == (None, "invalid")
-
-
-def test_a_reading_with_nothing_wrong_is_fresh_and_nobodys_conflict() -> None:
-    """A recording is read like the bus: by message, header, age and fault alone."""
-    reading = Reading(SensorWrench(), Line().header(1), 0.0, "")
-    assert reading.fresh == SensorWrench()
-    assert (reading.silent, reading.conflict, reading.code) == (False, False, "")
-
-
-def test_stale_is_distinguished_from_invalid(line: Line) -> None:
-    """Whether a role is received at all does not depend on the words of its reason."""
-    line.deliver(1, SensorWrench(valid=False, reason="robot/state stale: 300 ms old"))
-    assert not line.read().silent
-
-    line.clock.advance_ns(round(STALE_S * 1e9) + 1)
-    assert line.read().silent
-    assert "stale" in line.read().fault
-    assert Line().read().silent
 
 
 def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
@@ -179,12 +158,6 @@ def test_a_replaced_writer_is_never_accepted_again(messages: list[tuple[int, int
     assert line.reader.counters.retired == dropped
 
 
-def test_a_writer_that_starts_anew_may_count_from_one(line: Line) -> None:
-    """A restart is a new epoch: its low numbers are not reordered old messages."""
-    assert line.deliver(1000, epoch=1)
-    assert line.deliver(1, epoch=2)
-
-
 @given(st.binary(max_size=80))
 def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: bytes) -> None:
     """Neither the message before nor zero: a fault with its own code, counted."""
@@ -203,14 +176,14 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
 
 def test_only_the_newest_is_read() -> None:
     """A reader that was busy finds the last of many; missed ones are counted."""
-    clock, transport = ManualClock(), MemoryTransport()
-    bus = Bus("sensor", "demo", transport, CELL, clock)
-    reader = Bus("wrench", "demo", transport, CELL, clock).reader(topics.SENSOR_WRENCH)
-    publisher = bus.publisher(topics.SENSOR_WRENCH)
+    transport = MemoryTransport()
+    bus = bus_of("wrench", transport)
+    reader = bus.reader(topics.SENSOR_WRENCH)
+    publisher = bus_of("sensor", transport).publisher(topics.SENSOR_WRENCH)
     for counter in range(1, 11):
         publisher.put(SensorWrench(counter=counter))
 
-    assert reader.read(clock.now_ns()).message == SensorWrench(counter=10)
+    assert reader.read(bus.clock.now_ns()).message == SensorWrench(counter=10)
     assert not reader.poll()
     publisher.put(SensorWrench(counter=11))
     publisher.put(SensorWrench(counter=12))
@@ -221,38 +194,27 @@ def test_only_the_newest_is_read() -> None:
 # --- roles ----------------------------------------------------------------------------------------
 
 
-def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
-    """Return a role's view of the demo cell."""
-    return Bus(role, "demo", transport or MemoryTransport(), CELL, ManualClock())
+def granted(is_granted: bool, refusal: str) -> AbstractContextManager[object]:
+    """Expect a refusal, or none."""
+    return nullcontext() if is_granted else pytest.raises(BusError, match=refusal)
 
 
-@each_topic
-@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "unknown"])
-def test_the_table_alone_decides_which_role_may_write_and_read(
-    role: str, topic: Topic[Any]
-) -> None:
-    """Swept: every role with every topic; a refusal names the topic's role."""
+@each_role
+def test_the_tables_alone_decide_which_role_may_do_what(role: str) -> None:
+    """Swept: every role with every topic and request; a refusal names the right role."""
     bus = bus_of(role)
-    if topic.writer == role:
-        bus.publisher(topic)
-    else:
-        with pytest.raises(BusError, match=f"{role} may not write {topic.key}: {topic.writer}"):
+    for topic in TOPICS:
+        with granted(topic.writer == role, f"{role} may not write {topic.key}: {topic.writer}"):
             bus.publisher(topic)
-    if role in topic.readers:
-        assert bus.reader(topic).stale_after_s == CELL.stale_after_s(topic)
-    else:
-        with pytest.raises(BusError, match=f"{role} is not a reader of {topic.key}"):
-            bus.reader(topic)
-
-
-@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
-def test_only_clients_and_helpers_get_every_message(role: str) -> None:
-    """Every message of a topic goes to clients and helpers; a role judges what it reads."""
-    if role in ROLES:
-        with pytest.raises(BusError, match=f"{role} may not tap wrench"):
-            bus_of(role).tap(topics.WRENCH, 3)
-    else:
-        bus_of(role).tap(topics.WRENCH, 3)
+        with granted(role in topic.readers, f"{role} is not a reader of {topic.key}"):
+            assert bus.reader(topic).stale_after_s == CELL.stale_after_s(topic)
+    for row in REQUESTS:
+        with granted(row.server == role, f"{role} does not serve {row.key}: {row.server}"):
+            bus.inbox(row)
+        with granted(False, "did not answer" if role == CLIENT else "only clients send requests"):
+            bus.ask(row, row.message.from_dict(full(row.message)))
+    with granted(role in (CLIENT, *HELPERS), f"{role} may not tap wrench"):
+        bus.tap(topics.WRENCH, 3)
 
 
 @pytest.mark.parametrize("room", [1, 3])
@@ -265,22 +227,6 @@ def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
         put(bytes([number]))
     newest = [bytes([number]) for number in range(5)][-room:]
     assert [source.take() for _ in range(room + 1)] == [*newest, None]
-
-
-@each_request
-@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
-def test_only_its_server_takes_a_request_and_only_clients_ask(
-    role: str, request_row: Request[Any]
-) -> None:
-    """Swept: every role with every request."""
-    if request_row.server == role:
-        bus_of(role).inbox(request_row)
-    else:
-        with pytest.raises(BusError, match=f"{role} does not serve {request_row.key}"):
-            bus_of(role).inbox(request_row)
-    if role != CLIENT:
-        with pytest.raises(BusError, match="only clients send requests"):
-            bus_of(role).ask(request_row, request_row.message.from_dict(full(request_row.message)))
 
 
 def test_a_process_that_plays_two_roles_is_two_writers() -> None:

@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 
 from common.bus.memory_bus import MemoryCall
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree, load_cell
 from common.motion.last_check import LastCheck
 from common.motion.limits import (
@@ -28,9 +29,7 @@ from common.motion.tracking import TrackingMonitor
 from common.motion.unexplained import UnexplainedMotion
 from forcemesh import topics
 from forcemesh.faults import FAULTS
-from forcemesh.messages import (
-    Speed,
-)
+from forcemesh.messages import RobotStatus, Speed
 from forcemesh.reader import RESTART_S
 from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest
 from tests.fakes.arbiter_world import MOVE_DOWN, World
@@ -58,8 +57,6 @@ from tests.fakes.provoked_elsewhere import (
     start,
     start_without_a_wrench,
     tare,
-    tare_in_contact,
-    tare_in_motion,
 )
 from tests.fakes.provoked_last import (
     answer_late,
@@ -73,9 +70,9 @@ from tests.fakes.provoked_last import (
     swing,
 )
 from tests.fakes.recorder_bench import record_without_space
-from tests.fakes.wrench_bench import WrenchBench
 
-RANGE_N = CELL.sensor.force_range_N
+RANGE_N, MOST_IDLE_N = CELL.sensor.force_range_N, CELL.force.idle_max_N
+STIFF = {"contact.stiffness_N_m": 1e6, "force.approach_m_s": 1e-5}  # than any measured over TCP
 
 
 def cell_with(section: str, **changes: Any) -> Any:
@@ -110,19 +107,16 @@ def when_arming(cell: Cellmates, wait_s: float = 1.1) -> str:
     return cell.ask(topics.ARM, ArmRequest()).code
 
 
-def with_health(**changes: str) -> str:
-    """Arm where one process reports another configuration of itself."""
+def when_changed(name: str, **changes: Any) -> str:
+    """Arm where one role's message is another one."""
     cell = Cellmates()
-    cell.change("wrench/health", **changes)
+    cell.change(name, **changes)
     return when_arming(cell)
 
 
-def with_a_broken_process() -> str:
-    """Let one process report that its step broke off."""
-    cell = Cellmates().arm()
-    cell.change("wrench/health", valid=False, code="internal", reason="ValueError at x.py:1")
-    cell.step()
-    return cell.codes()[0]
+def when_measured(role: str, **numbers: float) -> str:
+    """Arm where a process has measured something."""
+    return when_changed(f"{role}/health", numbers=numbers)
 
 
 def after_a_restart() -> str:
@@ -134,13 +128,6 @@ def after_a_restart() -> str:
     cell.replace_writer(topics.ROBOT_STATE)
     cell.step()
     return cell.codes()[0]
-
-
-def without_a_challenge() -> str:
-    """Arm a robot that publishes none."""
-    cell = Cellmates()
-    cell.change("robot", challenge=0)
-    return when_arming(cell)
 
 
 def ask_armed(*requests: tuple[topics.Request[Any], Any]) -> str:
@@ -180,31 +167,10 @@ def from_a_sensor_without_a_page() -> str:
     return rig.first_code()
 
 
-def uncalibrated_force() -> str:
-    """Publish, for a second, a force that is impossible in free space."""
-    cell = Cellmates()
-    cell.change("wrench", force_N=(0.0, 0.0, CELL.force.idle_max_N + 1.0))
-    return when_arming(cell)
-
-
-def too_fast_an_approach() -> str:
-    """Approach faster than the force budget allows."""
-    world = World(cell_with("force", approach_m_s=0.2)).make_ready()
+def arming(cell: CellConfig) -> str:
+    """Arm another cell, in which all else is as it should be."""
+    world = World(cell).make_ready()
     return world.core.arm(world.inputs()).code
-
-
-def too_stiff_a_contact() -> str:
-    """Contact stiffer than any that was measured over TCP."""
-    other = {"contact.stiffness_N_m": 1e6, "force.approach_m_s": 1e-5}
-    world = World(load_cell(DEMO.with_name("demo-tcp.yaml"), other)).make_ready()
-    return world.core.arm(world.inputs()).code
-
-
-def armed_with(role: str, **numbers: float) -> str:
-    """Arm where a process has measured something."""
-    cell = Cellmates()
-    cell.change(f"{role}/health", numbers=numbers)
-    return when_arming(cell)
 
 
 def backing_off(falls_N_per_s: float) -> str:
@@ -241,7 +207,6 @@ def ask_too_far() -> str:
 
 
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
-OTHER_ARM = MoveRequest(kind="joints", joint_rad=(0.0,) * 7)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
 INSIDE = pin.SE3(np.eye(3), 0.5 * (LIMITS.workspace_min_m + LIMITS.workspace_max_m))
 UPSIDE_DOWN = pin.SE3(pin.utils.rotate("x", np.pi), INSIDE.translation)
@@ -255,11 +220,10 @@ REACHED: dict[str, Callable[[], str]] = {
     "missing":          start_without_a_wrench,
     "stale":            partial(when_silent, "wrench"),
     "writer":           after_a_restart,
-    "internal":         with_a_broken_process,
-    "config":           partial(with_health, config_hash="0123456789ab"),
-    "version":          partial(with_health, version="0.0.0"),
+    "config":           partial(when_changed, "wrench/health", config_hash="0123456789ab"),
+    "version":          partial(when_changed, "wrench/health", version="0.0.0"),
     "not_ready":        lambda: when_arming(Cellmates(), wait_s=0.5),
-    "no_challenge":     without_a_challenge,
+    "no_challenge":     partial(when_changed, "robot", challenge=0),
     "sensor_silent":    partial(when_silent, "sensor"),
     "sensor_fault":     partial(from_the_wrench, status="fault"),
     "sensor_saturated": partial(from_the_wrench, force_N=(RANGE_N, 0.0, 0.0)),
@@ -278,7 +242,6 @@ REACHED: dict[str, Callable[[], str]] = {
     "robot_refuses":    from_a_bare_arm,
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
     "unreachable":      ask_too_far,
-    "joint_count":      lambda: ask_armed((topics.MOVE, OTHER_ARM)),
     "step":             lambda: ruled(check_apart("step", LIMITS, HERE, BEYOND)),
     "tether":           lambda: ruled(BOUNDS.place(UPSIDE_DOWN)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
@@ -298,12 +261,12 @@ REACHED: dict[str, Callable[[], str]] = {
     "setpoint":         partial(start, setpoint_N=CELL.force.setpoint_max_N + 1.0),
     "axes":             request_path_in_force_direction,
     "axes_unproved":    guide_without_axes_check,
-    "wait":             lambda: tare(WrenchBench(), wait_s=0.05),
-    "moving":           tare_in_motion,
-    "contact":          tare_in_contact,
-    "approach_speed":   too_fast_an_approach,
-    "stiffness":        too_stiff_a_contact,
-    "payload":          uncalibrated_force,
+    "wait":             partial(tare, wait_s=0.05),
+    "moving":           partial(tare, status=RobotStatus(moving=True)),
+    "contact":          partial(tare, force_N=np.array([0.0, 0.0, 20.0])),
+    "approach_speed":   lambda: arming(cell_with("force", approach_m_s=0.2)),
+    "stiffness":        lambda: arming(load_cell(DEMO.with_name("demo-tcp.yaml"), STIFF)),
+    "payload":          partial(when_changed, "wrench", force_N=(0.0, 0.0, MOST_IDLE_N + 1.0)),
     "sensor_sign":      push_sideways,
     "travel":           search_too_far,
     "oscillation":      swing,
@@ -313,9 +276,9 @@ REACHED: dict[str, Callable[[], str]] = {
     "preempted":        preempt,
     "handover":         never_rest,
     "recording":        record_without_space,
-    "monitor_speed":    partial(armed_with, "robot", monitor_speed_fraction=0.1),
-    "delay":            partial(armed_with, "robot", streamed_round_trip_p50_s=0.5),
-    "tare":             partial(armed_with, "wrench", tare_age_h=9.0),
+    "monitor_speed":    partial(when_measured, "robot", monitor_speed_fraction=0.1),
+    "delay":            partial(when_measured, "robot", streamed_round_trip_p50_s=0.5),
+    "tare":             partial(when_measured, "wrench", tare_age_h=9.0),
     "back_off":         partial(backing_off, falls_N_per_s=80.0),
     "still_loaded":     partial(backing_off, falls_N_per_s=0.0),
     "no_direction":     backing_off_from_nothing_known,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.errors import ForcemeshError
-from forcemesh.force_task import AXIS_NAMES, parse_task, task_text
+from forcemesh.force_task import parse_task, task_text
 from forcemesh.requests import HELD, ForceTask, TaskAxis
 
 optional = st.none() | st.floats(0.1, 9.0)
@@ -70,9 +70,3 @@ def test_each_mistake_is_named(text, named) -> None:
     with pytest.raises(ForcemeshError, match=r".") as found:
         parse_task(text)
     assert named in str(found.value)
-
-
-def test_all_axes_have_a_name() -> None:
-    """A text may name each of them."""
-    task = parse_task(" ".join(f"{name}=free" for name in AXIS_NAMES))
-    assert {axis.control for axis in task.axes} == {"free"}

@@ -7,22 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.config.load import load_cell
-from common.runtime.signal_service import SignalReading, SignalService
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import Envelope, decode, decode_record, encode_record
-from forcemesh.errors import BusError
-from forcemesh.messages import Health, Trip
-from forcemesh.requests import Empty, Reply, ServedRequest, SignalRequest
+from forcemesh.messages import Health
+from forcemesh.requests import Empty, Reply, ServedRequest
 from forcemesh.topics import CLIENT, HEALTH, REQUESTS, SERVED, Request
-from tests.fakes.bench import CELL, DEMO, Bench
+from tests.fakes.bench import CELL
 from tests.fakes.records import full
-from tests.fakes.signals import NAMED
 
 ALWAYS = (topics.HOLD, topics.FORCE_STOP)
-OFF = SignalReading(dict.fromkeys((9, 10, 11, 1001), False))
 STEP_NS = 20_000_000
 TICKS = st.integers(0, 400)  # of an age
 
@@ -159,46 +154,3 @@ def test_a_client_on_another_clock_names_the_status_that_it_has_received() -> No
     assert client.ask(topics.CLEAR, Empty()).accepted
     replies = [served.reply.code for served in server.published() if served.reply is not None]
     assert replies == ["late", "ok", "ok"]
-
-
-class Outputs:
-    """The role robot, of which only the digital outputs are there."""
-
-    period_s, trigger, fault = 0.004, None, ""
-
-    def __init__(self, bus: Any, cell: Any) -> None:
-        """Start with everything off."""
-        self.service, self.switched = SignalService(bus, cell), list[tuple[int, bool]]()
-
-    def switch(self, number: int, on: bool) -> Trip | None:
-        """Record what is switched."""
-        self.switched.append((number, on))
-        return None
-
-    def step(self, now_ns: int) -> None:
-        """Serve."""
-        self.service.step(now_ns, OFF, hold=None, switch=self.switch)
-
-    def counters(self) -> dict[str, int]:
-        """Return none."""
-        return {}
-
-
-def test_a_frozen_process_switches_no_output_when_it_continues() -> None:
-    """Its client has given up after two seconds; the process continues after three."""
-    bench = Bench("robot", Outputs, load_cell(DEMO, {"signals": NAMED}))
-    bench.step(10)
-    request, waiting = (
-        SignalRequest(signal="lamp", on=True),
-        bench.transport.serve("demo/request/signal"),
-    )
-    bench.transport.advance = lambda timeout_s, _: bench.clock.sleep_s(timeout_s)
-    with pytest.raises(BusError, match="did not answer"):
-        bench.client.ask(topics.SIGNAL, request)
-    (call,) = waiting.waiting
-    bench.clock.sleep_s(1.0)
-    bench.step(100)
-
-    assert isinstance(bench.service, Outputs)
-    assert bench.service.switched == []
-    assert call.reply is not None

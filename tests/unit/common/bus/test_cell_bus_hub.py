@@ -15,22 +15,20 @@ from forcemesh.identity import (
     NAME_VARIABLE,
     NAMES,
     Identity,
-    common_name,
     folder_of,
     identity_of,
     refuse_in_the_clear,
     stays_here,
 )
 from forcemesh.published_ports import HUB_PUBLISHED
-from forcemesh.topics import CLIENT, HELPERS, ROLES
+from forcemesh.topics import CLIENT
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
 
 DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
-HERE = ["tcp/127.0.0.1:7447", "tcp/127.8.8.8:1", "tcp/[::1]:7447", "tcp/localhost:7447",
-        "udp/127.0.0.1:7?rel=1", "unixsock-stream//run/forcemesh.sock"]  # fmt: skip
-ELSEWHERE = ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/192.168.1.7:7447", "tcp/hub:7447",
-             "udp/10.0.0.1:7447", "ws/hub:7447", "tcp/localhost.example.org:7447",
-             "tcp/127.0.0.1.example.org:7447"]  # fmt: skip
+HERE = ["tcp/localhost:7447", "udp/127.0.0.1:7?rel=1",
+        "unixsock-stream//run/forcemesh.sock"]  # fmt: skip
+ELSEWHERE = ["tcp/0.0.0.0:7447", "tcp/hub:7447", "udp/10.0.0.1:7447", "ws/hub:7447",
+             "tcp/localhost.example.org:7447", "tcp/127.0.0.1.example.org:7447"]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -50,27 +48,28 @@ def touch_pair(folder: Path, *names: str) -> None:
         (folder / name).touch()
 
 
-@pytest.mark.parametrize("wrong", ["garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"])
-def test_a_wrong_endpoint_is_reported_with_a_right_one(
-    wrong: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_endpoint_is_reported_with_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """The variable by its name, and the right form; the right one overrides the cell's."""
-    monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
-    with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
-        endpoint_of(cell())
+    for wrong in ("garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"):
+        monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
+        with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
+            endpoint_of(cell())
     monkeypatch.setenv(ENDPOINT_VARIABLE, "tls/[::1]:7447#iface=lo")
     assert endpoint_of(cell()) == "tls/[::1]:7447#iface=lo"
 
 
-@pytest.mark.parametrize("endpoint", HERE)
-def test_this_machine_needs_no_certificate(endpoint: str) -> None:
-    """Loopback and sockets in the file system are used as they are, by hub and by clients."""
-    assert stays_here(endpoint)
-    assert security_of(cell(), "arbiter", endpoint) == {}
+@given(st.ip_addresses())
+def test_this_machine_needs_no_certificate(address) -> None:
+    """Of all addresses just those that no packet leaves the machine for are taken for safe."""
+    text = f"[{address}]" if address.version == 6 else str(address)
+    assert stays_here(f"tcp/{text}:7447") == address.is_loopback
+    for endpoint in HERE:
+        assert stays_here(endpoint)
+        assert security_of(cell(), "arbiter", endpoint) == {}
 
 
 @pytest.mark.parametrize("endpoint", ELSEWHERE)
-@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+@pytest.mark.parametrize("role", ["hub", "arbiter", CLIENT])
 def test_no_process_uses_an_open_bus_without_an_explicit_setting(endpoint: str, role: str) -> None:
     """Every role refuses an address that others reach, and names both remedies."""
     with pytest.raises(BusError, match=r"refused: .*pki init.*insecure: true"):
@@ -93,13 +92,6 @@ def test_a_hub_in_a_container_is_judged_by_the_address_that_compose_publishes(
             security_of(cell(), "arbiter", endpoint)
 
 
-@given(st.ip_addresses())
-def test_only_a_loopback_address_stays_here(address) -> None:
-    """Of all addresses just those that no packet leaves the machine for are taken for safe."""
-    text = f"[{address}]" if address.version == 6 else str(address)
-    assert stays_here(f"tcp/{text}:7447") == address.is_loopback
-
-
 def test_the_hub_above_is_refused_in_the_clear_too() -> None:
     """A hub that connects to another one shows its certificate there as well."""
     upstream = {"endpoint": "tcp/192.168.1.7:7447", "cell": "other"}
@@ -108,7 +100,11 @@ def test_the_hub_above_is_refused_in_the_clear_too() -> None:
 
 
 def test_both_ends_of_a_link_prove_their_names(tmp_path: Path) -> None:
-    """Both show certificates, check the name in the other, and leave when it ends."""
+    """Both show certificates, check the name in the other, and leave when it ends.
+
+    So TLS and QUIC may leave the machine.
+    """
+    refuse_in_the_clear(cell(), "quic/hub:7447")
     touch_pair(tmp_path, "hub", "wrench")
     secure = cell(tls={"folder": str(tmp_path)})
     endpoint = "tls/192.168.1.7:7447"
@@ -133,20 +129,15 @@ def test_a_hub_with_certificates_denies_everything_that_is_not_allowed(tmp_path:
 
 @pytest.mark.parametrize("missing", ["ca.pem", "wrench.pem", "wrench.key"])
 def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -> None:
-    """The error names the file and the command that makes it."""
+    """Also one that cannot be read, as a folder in its place or a file of another user."""
     touch_pair(tmp_path, "wrench")
     (tmp_path / missing).unlink()
+    secure = cell(tls={"folder": str(tmp_path)})
     with pytest.raises(BusError, match=f"{missing} is missing; `forcemesh pki init --cell FILE`"):
-        identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
-
-
-def test_a_file_that_cannot_be_read_is_named_with_the_remedy(tmp_path: Path) -> None:
-    """A folder in its place, or a file of another user, is reported with the reason."""
-    touch_pair(tmp_path, "wrench")
-    (tmp_path / "wrench.key").unlink()
-    (tmp_path / "wrench.key").mkdir()
-    with pytest.raises(BusError, match=r"wrench\.key cannot be read .* readable by the user"):
-        identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
+        identity_of(secure, "wrench")
+    (tmp_path / missing).mkdir()
+    with pytest.raises(BusError, match=f"{missing} cannot be read .* readable by the user"):
+        identity_of(secure, "wrench")
 
 
 @pytest.mark.parametrize(
@@ -176,14 +167,3 @@ def test_the_environment_names_role_and_endpoint(
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.setenv(NAME_VARIABLE, "monitor")
     assert identity_of(cell(tls={"folder": "/elsewhere"}), CLIENT) == Identity("monitor", tmp_path)
-
-
-def test_names_of_one_cell_give_no_access_in_another() -> None:
-    """No name of a cell is one of another cell, even where one authority signs for both."""
-    assert not {common_name(n, "left") for n in NAMES} & {common_name(n, "right") for n in NAMES}
-
-
-def test_encrypted_is_never_refused_as_open() -> None:
-    """TLS and QUIC may leave the machine."""
-    for endpoint in ("tls/0.0.0.0:7447", "quic/hub:7447"):
-        refuse_in_the_clear(cell(), endpoint)

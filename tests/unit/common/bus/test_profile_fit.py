@@ -2,13 +2,15 @@
 
 import os
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with
+from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
+from common.config.load import load_cell
 from forcemesh.topics import HELPERS, ROLES
 from tests.compose.rig import compose_command
 from tests.fakes.compose_file import (
@@ -31,8 +33,6 @@ SAFE = {
 }  # fmt: skip
 WAIT = ["python", "-m", "common.bus.profile_lock", "run"]
 
-process = pytest.mark.parametrize("name", RUN)
-
 
 def test_one_word_swaps_the_implementations_of_robot_and_sensor() -> None:
     """The profiles differ in implementation of robot and sensor, and in emulated hardware."""
@@ -41,16 +41,13 @@ def test_one_word_swaps_the_implementations_of_robot_and_sensor() -> None:
     assert profile("sim") == same | {"sim-cell", "robot-sim"}
     assert profile("real") == same | {"real-cell", "gateway", "sensor"}
     assert profile("emulated") == same | {"emulated-cell", "gateway", "sensor", "controller-sim"}
-
-
-@pytest.mark.parametrize("name", sorted({*ROLES, *HELPERS, "panel"} - {"robot", "sensor"}))
-def test_the_word_changes_no_other_container(name: str) -> None:
-    """A container that is neither robot nor sensor has no profile and reads none."""
-    assert "profiles" not in SERVICES[name]
-    assert variables(SERVICES[name]) <= {
-        "FORCEMESH_BUS", "FORCEMESH_CALIBRATION", "FORCEMESH_PANEL_TOKEN", "FORCEMESH_PUBLISH_HUB",
-        "FORCEMESH_PUBLISH_PANEL", "FORCEMESH_RECORDINGS", "FORCEMESH_USER",
-    }  # fmt: skip
+    for name in same:
+        assert "profiles" not in SERVICES[name]
+        assert variables(SERVICES[name]) <= {
+            "FORCEMESH_BUS", "FORCEMESH_CALIBRATION", "FORCEMESH_PANEL_TOKEN",
+            "FORCEMESH_PUBLISH_HUB", "FORCEMESH_PUBLISH_PANEL", "FORCEMESH_RECORDINGS",
+            "FORCEMESH_USER",
+        }, name  # fmt: skip
 
 
 def test_no_word_at_all_is_the_simulated_cell() -> None:
@@ -64,12 +61,6 @@ def test_no_word_at_all_is_the_simulated_cell() -> None:
     for entry in COMPOSE["secrets"].values():
         file = entry["file"].replace("${FORCEMESH_PKI:-./", "").replace("}", "")
         assert "make pki" in (ROOT / file).read_text("utf-8")
-
-
-@process
-def test_the_cell_file_changes_no_container_but_the_one_that_publishes_it(name: str) -> None:
-    """CELL is read by its publisher; a container of two profiles has the same settings in both."""
-    assert "CELL" not in variables(SERVICES[name])
 
 
 @pytest.mark.skipif(not compose_command(), reason="compose is not installed")
@@ -104,8 +95,7 @@ def test_a_profile_names_its_cell_file_in_one_place(word: str) -> None:
     assert entry.get("profiles", ["sim"]) == [word]
     assert entry["command"] == ["python", "-m", "common.bus.profile_lock", "keep", word]
     assert entry["environment"]["FORCEMESH_CELL"] == f"/cells/${{CELL:-{CELL_OF[word]}}}"
-    others = {name for name, each in SERVICES.items() if "CELL" in variables(each)}
-    assert others == set(STATE_CELL)
+    assert {name for name, each in SERVICES.items() if "CELL" in variables(each)} == set(STATE_CELL)
     assert "entrypoint" not in entry
 
 
@@ -117,7 +107,7 @@ def test_the_cell_file_of_a_profile_fits_its_implementations(word: str) -> None:
     assert set(IMPLEMENTATIONS) == set(PROFILES)
 
 
-@process
+@pytest.mark.parametrize("name", RUN)
 def test_container_waits_for_the_cell_file_of_a_profile_in_which_it_is(name: str) -> None:
     """It starts when a cell file is in use: any, or for robot and sensor one of its own profile."""
     entry = SERVICES[name]
@@ -145,3 +135,64 @@ def test_make_up_is_compose_with_that_word_alone(word: str) -> None:
         f"{compose} up -d --build ",
         f"{compose} exec -T {keeper}-cell python -m common.bus.profile_lock check {keeper}",
     ]
+
+
+# --- which cell file and which settings fit -------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
+@pytest.mark.parametrize("file", ["demo.yaml", "emulated.yaml", "demo-netft.yaml", "demo-tcp.yaml"])
+def test_a_profile_takes_only_a_cell_file_whose_implementations_it_starts(
+    profile: str, file: str
+) -> None:
+    """Robot and sensor of the file are containers of the profile, or one sentence reports it."""
+    roles = load_cell(ROOT / "cells" / file).roles
+    own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
+    problem = problem_with(Choice(profile, ROOT / "cells" / file), SAFE)
+    assert (problem == "") == ((roles.robot, roles.sensor) == own)
+    if problem:
+        assert "use another profile" in problem
+        assert "\n" not in problem
+
+
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
+@pytest.mark.parametrize("address", ["0.0.0.0", "192.168.1.7", "::", "labpc"])
+def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, address: str) -> None:
+    """The hub without certificates, the panel without certificates or token: one sentence each."""
+    for port in ("HUB", "PANEL"):
+        wide = {f"FORCEMESH_{port}_PUBLISHED": address}
+        assert f"FORCEMESH_PUBLISH_{port}={address} is reachable from outside" in unsafe(
+            profile, wide
+        )
+        assert unsafe(profile, {**SAFE, **wide}) == ""
+    tokenless = {**SAFE, "FORCEMESH_PANEL_TOKEN": "", "FORCEMESH_PANEL_PUBLISHED": address}
+    assert "FORCEMESH_PANEL_TOKEN" in unsafe(profile, tokenless)
+
+
+@pytest.mark.parametrize(
+    ("profile", "missing", "text"),
+    [
+        ("sim", SAFE, ""),  # as `docker compose up` starts it
+        ("real", (), ""),
+        ("real", ("FORCEMESH_BUS", "FORCEMESH_CERTIFICATES"), "needs certificates: `make pki"),
+        ("real", ("FORCEMESH_PANEL_TOKEN",), "needs a token"),
+        ("real", ("FORCEMESH_CALIBRATION",), "FORCEMESH_CALIBRATION"),
+        ("sim", ("FORCEMESH_BUS",), "belong together"),
+        ("sim", ("FORCEMESH_CERTIFICATES",), "belong together"),
+    ],
+)
+def test_a_real_cell_keeps_certificates_token_and_calibration(
+    profile: str, missing: Iterable[str], text: str
+) -> None:
+    """Each that is missing is named, also when all is published on this machine alone."""
+    settings = {name: value for name, value in SAFE.items() if name not in missing}
+    # An emulated controller has the implementations of a real one.
+    file = "demo.yaml" if profile == "sim" else "emulated.yaml"
+    problem = problem_with(Choice(profile, ROOT / "cells" / file), settings)
+    assert text in problem
+    assert bool(text) == bool(problem)
+
+
+def test_the_setting_of_before_is_refused() -> None:
+    """It is two now."""
+    assert "two settings now" in unsafe("sim", {**SAFE, "FORCEMESH_PUBLISH": "192.168.1.7"})

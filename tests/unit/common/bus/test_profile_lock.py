@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
+from common.bus.profile_fit import Choice
 from common.bus.profile_lock import (
     LOCK_PATIENCE_S,
     acquire,
@@ -24,7 +24,6 @@ from common.bus.profile_lock import (
     main,
     waiting,
 )
-from common.config.load import load_cell
 
 ROOT = Path(__file__).resolve().parents[4]
 CELLS = ROOT / "cells"
@@ -86,26 +85,16 @@ def line(of: subprocess.Popen[str]) -> str:
 # --- the lock -------------------------------------------------------------------------------------
 
 
-def test_nothing_is_in_use_before_a_profile_publishes_its_cell_file(tmp_path: Path) -> None:
-    """A waiting process has no profile to join yet."""
+def test_a_published_choice_is_in_use_for_the_containers_of_its_profile(tmp_path: Path) -> None:
+    """The link leads to the cell file; the robot of another profile stays out."""
     assert chosen(tmp_path) is None
     assert hold(tmp_path, ()) is None
-
-
-@pytest.mark.parametrize("profiles", [(), ("sim",), ("emulated", "sim")])
-def test_a_published_choice_is_in_use_for_all_containers_of_its_profile(
-    tmp_path: Path, profiles: tuple[str, ...]
-) -> None:
-    """The link leads to the cell file, for any process and for those of the profile."""
     acquire(tmp_path, SIM)
-    assert hold(tmp_path, profiles) is not None
     assert (tmp_path / "cell.yaml").resolve() == SIM.file
-
-
-def test_a_container_of_another_profile_does_not_take_part(tmp_path: Path) -> None:
-    """The robot of one profile stays out of every other one."""
-    acquire(tmp_path, SIM)
+    for profiles in ((), ("sim",), ("emulated", "sim")):
+        assert hold(tmp_path, profiles) is not None
     assert hold(tmp_path, ("emulated", "real")) is None
+    assert acquire(tmp_path, SIM) is not None  # started anew
 
 
 @pytest.mark.parametrize(
@@ -123,24 +112,16 @@ def test_another_choice_is_refused_while_any_process_runs(tmp_path: Path, other:
     assert chosen(tmp_path) == other
 
 
-def test_the_same_choice_may_come_again(tmp_path: Path) -> None:
-    """A profile's container that is started anew continues."""
-    acquire(tmp_path, SIM)
-    assert acquire(tmp_path, SIM) is not None
-
-
 def test_processes_that_run_at_the_same_time_have_the_same_cell_file(tmp_path: Path) -> None:
     """Two profiles and five processes start in any order: all that get to run agree."""
-    for _ in range(50):
-        locks: list[int] = []
-        choices: list[Choice | None] = []
+    for _ in range(20):
+        running: list[tuple[int, Choice | None]] = []
 
         def start(
-            what: Callable[[], int | None], locks: list[int] = locks, choices: list[Any] = choices
+            what: Callable[[], int | None], running: list[tuple[int, Choice | None]] = running
         ) -> None:
             if (lock := what()) is not None:
-                choices.append(chosen(tmp_path))
-                locks.append(lock)
+                running.append((lock, chosen(tmp_path)))
 
         starts = [partial(acquire, tmp_path, each) for each in (SIM, EMULATED)]
         starts += [partial(hold, tmp_path, ()) for _ in range(5)]
@@ -149,9 +130,8 @@ def test_processes_that_run_at_the_same_time_have_the_same_cell_file(tmp_path: P
             thread.start()
         for thread in threads:
             thread.join()
-        assert choices
-        assert set(choices) == {chosen(tmp_path)}
-        for lock in locks:
+        assert {choice for _, choice in running} == {chosen(tmp_path)}
+        for lock, _ in running:
             os.close(lock)
 
 
@@ -162,13 +142,8 @@ def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends
     tmp_path: Path,
 ) -> None:
     """It waits, becomes its command with the lock in hand, and its end gives the lock back."""
-    waits = (
-        "run",
-        "--",
-        sys.executable,
-        "-c",
-        "import time; print('runs', flush=True); time.sleep(60)",
-    )
+    command = "import time; print('runs', flush=True); time.sleep(60)"
+    waits = ("run", "--", sys.executable, "-c", command)
     with process(tmp_path, SIM.file, *waits, patience_s=0.0) as service:
         assert "waits: no cell file is in use" in line(service)
         end(acquire(tmp_path, SIM))
@@ -287,89 +262,10 @@ def file_printed_by(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline().strip()
 
 
-@pytest.mark.parametrize(
-    "words", [[], ["keep"], ["keep", "simulated"], ["run", "sim"], ["run", "--"]]
-)
 def test_wrong_words_show_the_right_ones(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2 and the page of usage."""
-    assert main(words, tmp_path) == 2
-    assert "common.bus.profile_lock keep PROFILE" in capsys.readouterr().err
-
-
-# --- which cell file fits -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
-@pytest.mark.parametrize("file", ["demo.yaml", "emulated.yaml", "demo-netft.yaml", "demo-tcp.yaml"])
-def test_a_profile_takes_only_a_cell_file_whose_implementations_it_starts(
-    profile: str, file: str
-) -> None:
-    """Robot and sensor of the file are containers of the profile, or one sentence reports it."""
-    roles = load_cell(CELLS / file).roles
-    own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
-    problem = problem_with(Choice(profile, CELLS / file), SAFE)
-    assert (problem == "") == ((roles.robot, roles.sensor) == own)
-    if problem:
-        assert "use another profile" in problem
-        assert "\n" not in problem
-
-
-def test_without_a_cell_file_the_real_profile_explains_how_to_name_one() -> None:
-    """CELL is required there, and one sentence explains how to set it."""
-    assert problem_with(Choice("real", CELLS), {}) == (
-        "the profile real needs your own cell file in cells/: "
-        "CELL=my-cell.yaml docker compose --profile real up"
-    )
-
-
-def test_a_file_that_is_not_there_is_named_with_those_that_are() -> None:
-    """A typing error in CELL gets the list of the cell files."""
-    problem = problem_with(Choice("real", CELLS / "dem.yaml"), SAFE)
-    assert "no such file; there are" in problem
-    assert "demo.yaml" in problem
-
-
-# --- what is published ----------------------------------------------------------------------------
-
-HERE = {"FORCEMESH_HUB_PUBLISHED": "127.0.0.1", "FORCEMESH_PANEL_PUBLISHED": "127.0.0.1"}
-WIDER = ("0.0.0.0", "192.168.1.7", "::", "labpc")
-
-
-def test_the_simulated_cell_needs_nothing_on_this_machine() -> None:
-    """No certificate, no token: as `docker compose up` starts it."""
-    assert problem_with(SIM, HERE) == problem_with(SIM, {}) == ""
-
-
-@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
-@pytest.mark.parametrize("address", WIDER)
-def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, address: str) -> None:
-    """The hub without certificates, the panel without certificates or token: one sentence each."""
-    for port in ("HUB", "PANEL"):
-        wide = {**HERE, f"FORCEMESH_{port}_PUBLISHED": address}
-        assert f"FORCEMESH_PUBLISH_{port}={address} is reachable from outside" in unsafe(
-            profile, wide
-        )
-        assert unsafe(profile, {**SAFE, **wide}) == ""
-    tokenless = {**SAFE, "FORCEMESH_PANEL_TOKEN": "", "FORCEMESH_PANEL_PUBLISHED": address}
-    assert "FORCEMESH_PANEL_TOKEN" in unsafe(profile, tokenless)
-
-
-def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
-    """Each that is missing is named, also when all is published on this machine alone."""
-    assert problem_with(REAL, {**SAFE, **HERE}) == ""
-    without = {**SAFE, **HERE, "FORCEMESH_BUS": "tcp", "FORCEMESH_CERTIFICATES": ""}
-    assert "needs certificates: `make pki" in problem_with(REAL, without)
-    assert "needs a token" in problem_with(REAL, {**SAFE, **HERE, "FORCEMESH_PANEL_TOKEN": ""})
-    assert "FORCEMESH_CALIBRATION" in problem_with(
-        REAL, {**SAFE, **HERE, "FORCEMESH_CALIBRATION": ""}
-    )
-
-
-@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
-def test_half_of_the_settings_is_none(profile: str) -> None:
-    """Certificates that the bus does not use, or a bus that has none, and the setting of before."""
-    for half in ({**SAFE, "FORCEMESH_BUS": "tcp"}, {**SAFE, "FORCEMESH_CERTIFICATES": ""}):
-        assert "belong together" in unsafe(profile, half)
-    assert "two settings now" in unsafe(profile, {**SAFE, "FORCEMESH_PUBLISH": "192.168.1.7"})
+    for words in ([], ["keep"], ["keep", "simulated"], ["run", "sim"], ["run", "--"]):
+        assert main(words, tmp_path) == 2
+        assert "common.bus.profile_lock keep PROFILE" in capsys.readouterr().err

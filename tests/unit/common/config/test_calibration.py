@@ -20,7 +20,7 @@ from common.config.load import (
     named_file,
 )
 from common.config.payload import Payload
-from forcemesh.errors import ConfigError, DataError
+from forcemesh.errors import ConfigError
 
 DEMO = Path(__file__).parents[4] / "cells" / "demo.yaml"
 NOTHING_LEFT = Residuals(
@@ -73,10 +73,7 @@ def test_a_cell_file_states_that_it_works_without_a_calibration_file(tmp_path: P
     ("content", "mistake"),
     [
         ("", "map of sections"),
-        ("# Written by forcemesh calibrate.\n", "map of sections"),
-        ("mass_kg: 1.0\ncom_m: [0, 0, 0]\n", "mass_kg: unknown name"),
         ("payload: {mass: 1}", "payload.mass: unknown name; did you mean mass_kg"),
-        ("just words\n", "map"),
         ("cell: [demo\n", "not YAML"),
         *((chars, "demo.yaml: ") for chars in range(0, 550, 41)),  # the rest of it are defaults
     ],
@@ -103,21 +100,12 @@ def test_another_value_as_calibration_is_an_error(found: object) -> None:
         cell_from_tree(tree, "cell.yaml")
 
 
-def test_a_cell_file_names_its_calibration(tmp_path: Path) -> None:
-    """The calibration is found from the cell file's folder, wherever the program was started."""
-    path = cell_with(tmp_path, calibration())
-    assert load_cell(path).calibration == calibration()
-    assert named_file(path, CALIBRATION) == path.parent / "../calibration/demo.yaml"
-
-
-def test_without_the_file_there_is_no_calibration(tmp_path: Path) -> None:
-    """A cell that was never calibrated loads; its payload section is all there is."""
-    assert load_cell(cell_with(tmp_path, None)).calibration is None
-
-
 def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
-    """A copy in another folder keeps the calibration that the original names."""
-    cell = load_cell(cell_with(tmp_path, calibration()))
+    """It is found from the cell file's folder, and a copy in another folder keeps it."""
+    path = cell_with(tmp_path, calibration())
+    cell = load_cell(path)
+    assert cell.calibration == calibration()
+    assert named_file(path, CALIBRATION) == path.parent / "../calibration/demo.yaml"
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
@@ -128,6 +116,7 @@ def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:
     """Processes that were started before and after a calibration still belong together."""
     path = cell_with(tmp_path, None)
     before = load_cell(path)
+    assert before.calibration is None
     calibration().save(tmp_path / "calibration" / "demo.yaml")
     after = load_cell(path)
     assert before != after
@@ -182,17 +171,3 @@ def test_an_edited_file_is_reported(tmp_path: Path) -> None:
     assert isinstance(edited, CalibrationSection)
     assert edited.payload.mass_kg == 1.6
     assert edited.revision != calibration().revision
-
-
-def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
-    """With the place, in one sentence."""
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(DataError, match="cannot be written"):
-        calibration().save(tmp_path / "file" / "demo.yaml")
-
-
-def test_a_payload_weighs_with_a_mass_or_a_centre() -> None:
-    """One of zeros is what a cell file has before it is calibrated."""
-    section = load_cell(DEMO).payload
-    assert section.weighs
-    assert not Payload(mass_kg=0.0, com_m=(0.0, 0.0, 0.0)).weighs

@@ -1,4 +1,4 @@
-"""Curved surface of the simulation: the points that MuJoCo and the panel draw, and its limits."""
+"""Curved surface of the simulation: the points that MuJoCo and the panel draw."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.cell_sim import DRAWN_DEPTH_M, DRAWN_HALF_M, SimSection
-from common.config.load import load_cell
-from forcemesh.errors import ConfigError
-from tests.fakes.bench import DEMO
 
 radii = st.floats(0.02, 1.0)
 
@@ -36,20 +33,3 @@ def test_a_cylinder_is_drawn_on_its_mantle_along_y(radius_m: float) -> None:
     assert distances == pytest.approx(radius_m)
     assert set(points[:, 1]) == {-DRAWN_HALF_M, DRAWN_HALF_M}
     assert points[:, 2].max() == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("values", "place", "right"),
-    [
-        ({"sim.surface": "cone"}, "sim.surface", "'plane', 'cylinder' or 'hemisphere'"),
-        ({"sim.radius_m": 0.019}, "sim.radius_m", "0.02"),
-        ({"sim.radius_m": 1.01}, "sim.radius_m", "1"),
-    ],
-)
-def test_another_surface_or_radius_is_refused_with_what_is_permitted(
-    values: dict[str, object], place: str, right: str
-) -> None:
-    """The message names the field and the permitted values."""
-    with pytest.raises(ConfigError, match=place) as refused:
-        load_cell(DEMO, values)
-    assert right in str(refused.value)

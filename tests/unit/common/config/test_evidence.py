@@ -43,22 +43,16 @@ def passed(cell_file: Path, *names: str, **numbers: float) -> StepEvidence:
 
 
 def test_what_is_written_is_read(cell_file: Path) -> None:
-    """In the cell file's folder, in the order of the steps; without a file nothing has passed."""
+    """In the real cell file's folder, in the order of the steps; without a file nothing passed."""
+    link = cell_file.with_name("link.yaml")
+    link.symlink_to(cell_file)
     assert read_evidence(cell_file) == BringupEvidence()
     steps = {"b": passed(cell_file, "gateway", delay_s=0.1), "a": StepEvidence()}
     save_evidence(cell_file, BringupEvidence(steps=steps))
     assert evidence_file(cell_file) == cell_file.with_name("lab.bringup.yaml")
-    found = read_evidence(cell_file)
+    found = read_evidence(link)
     assert found == BringupEvidence(steps=steps)
     assert list(found.steps) == ["b", "a"]
-
-
-def test_a_link_to_a_cell_file_has_the_evidence_of_the_real_one(cell_file: Path) -> None:
-    """Files that it names are in the folder of the real one as well."""
-    link = cell_file.with_name("link.yaml")
-    link.symlink_to(cell_file)
-    assert evidence_file(link) == evidence_file(cell_file)
-    assert input_hashes(link, ["probe"]) == input_hashes(cell_file, ["probe"])
 
 
 @pytest.mark.parametrize(
@@ -72,14 +66,17 @@ def test_a_link_to_a_cell_file_has_the_evidence_of_the_real_one(cell_file: Path)
 def test_a_step_is_changed_when_its_part_of_the_cell_file_is(
     cell_file: Path, change: dict[str, object], changed: str
 ) -> None:
-    """And by no other part."""
+    """And by no other part; a step that has failed since it passed is failed."""
     step = passed(cell_file, "gateway.host", "probe")
-    evidence = BringupEvidence(steps={"one": step})
+    failed = step.model_copy(update={"failed_at": NOW, "why": "off"})
+    steps = {"one": step, "failed": failed, "open": StepEvidence()}
+    evidence = BringupEvidence(steps=steps)
     assert ladder(cell_file, evidence)[0].state == "passed"
     cell_file.write_text(yaml.safe_dump(TREE | change))
-    row = ladder(cell_file, evidence)[0]
+    row, *others = ladder(cell_file, evidence)
     assert row.state == ("changed" if changed else "passed")
     assert row.detail.startswith(changed)
+    assert [(each.state, each.detail) for each in others] == [("failed", "off"), ("open", "")]
 
 
 def test_a_step_is_changed_when_one_of_its_files_is(cell_file: Path) -> None:
@@ -105,13 +102,6 @@ def test_a_file_that_cannot_be_read_is_one_message(
         input_hashes(cell_file, ["gateway", "probe"])
 
 
-def test_a_failed_step_has_its_reason_and_an_open_one_nothing(cell_file: Path) -> None:
-    """A step that has failed since it passed is failed."""
-    steps = {"a": StepEvidence(passed_at=NOW, failed_at=NOW, why="off"), "b": StepEvidence()}
-    rows = ladder(cell_file, BringupEvidence(steps=steps))
-    assert [(row.state, row.detail) for row in rows] == [("failed", "off"), ("open", "")]
-
-
 def test_the_delay_holds_for_the_monitor_speed_of_the_file_that_it_is_from(
     cell_file: Path,
 ) -> None:
@@ -133,15 +123,13 @@ def test_the_delay_holds_for_the_monitor_speed_of_the_file_that_it_is_from(
     assert measured_monitor_speed(cell_file) is None
 
 
-@pytest.mark.parametrize("robot", [{}, {"delay_s": 0.1}, None])
-def test_without_a_probe_the_monitor_speed_of_the_delay_is_not_known(
-    cell_file: Path, robot: object
-) -> None:
+def test_without_a_probe_the_monitor_speed_of_the_delay_is_not_known(cell_file: Path) -> None:
     """Nor with a probe whose delay is null."""
     (cell_file.parent / "probe.yaml").write_text("results: {mspeed: {value: 10.0}}\n")
     assert measured_monitor_speed(cell_file) is None
-    cell_file.write_text(yaml.safe_dump({"robot": robot}))
-    assert measured_monitor_speed(cell_file) is None
+    for robot in ({"delay_s": 0.1}, None):
+        cell_file.write_text(yaml.safe_dump({"robot": robot}))
+        assert measured_monitor_speed(cell_file) is None
 
 
 def test_a_wrong_file_is_one_message(cell_file: Path) -> None:

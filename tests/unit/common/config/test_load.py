@@ -11,8 +11,10 @@ from pydantic import BaseModel
 
 from common.config.cell import CellConfig
 from common.config.load import (
-    CALIBRATION,
     PROBE,
+    RENAMED,
+    TUNED,
+    TUNING,
     cell_from_tree,
     cell_hash,
     dump_cell,
@@ -25,6 +27,8 @@ ROOT = Path(__file__).resolve().parents[4]
 CELLS = sorted((ROOT / "cells").glob("*.yaml"))
 DEMO = ROOT / "cells" / "demo.yaml"
 DEMO_CELL = load_cell(DEMO)
+OLD_VALUES = {"force.given_J": 0.0625, "gateway.max_untaken_setpoints": 2}  # not the defaults
+VALID = ", ".join(TUNED)
 
 each_cell = pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
 
@@ -60,23 +64,11 @@ def sections(model: type[BaseModel] = CellConfig, path: str = "") -> dict[str, t
 
 
 @each_cell
-def test_every_cell_file_that_ships_loads(path: Path) -> None:
-    """The name inside is fit for a key, and the limits are fit to start with."""
-    cell = load_cell(path)
-
-    assert cell.cell
-    assert load_cell(str(path)) == cell
-
-
-@each_cell
 def test_a_cell_that_is_dumped_loads_into_the_same_cell(path: Path, tmp_path: Path) -> None:
-    """Every value, and so the hash; also a second time."""
+    """Every value, of every file that ships."""
     cell, copy = load_cell(path), tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
-
     assert load_cell(copy) == cell
-    assert cell_hash(load_cell(copy)) == cell_hash(cell)
-    assert dump_cell(load_cell(copy)) == dump_cell(cell)
 
 
 @given(st.floats(250.0, 1e6), st.floats(-1.0, 1.0))
@@ -102,8 +94,8 @@ def test_all_mistakes_are_reported_at_once_each_with_its_path() -> None:
     damaged["roles"]["robot"] = "simulated"
     damaged["robot"]["joint_min_deg"] = [1, 2, 3]
     damaged["tool"]["T_flange_tcp"]["position_m"] = [0, 0, float("nan")]
-    found = mistakes(damaged)
-
+    with pytest.raises(ConfigError, match=r"^x\.yaml: 7 mistakes\n  - ") as caught:
+        cell_from_tree(damaged, "x.yaml")
     starts = {
         "rates.robot_hz: must be at least 5 Hz, found 0 Hz",
         "sim.delay_s: must be a number, found 'soon'",
@@ -114,18 +106,7 @@ def test_all_mistakes_are_reported_at_once_each_with_its_path() -> None:
         "tool.T_flange_tcp.position_m.2: must be a finite number, found nan",
     }
     for start in starts:
-        assert [line for line in found if line.startswith(start)], (start, found)
-
-
-def test_the_error_names_the_file_and_counts() -> None:
-    """As a person reads it."""
-    with pytest.raises(ConfigError) as caught:
-        cell_from_tree({"cell": "x", "nonsense": 1}, "cells/mine.yaml")
-
-    text = str(caught.value)
-    assert text.startswith(f"cells/mine.yaml: {len(caught.value.mistakes)} mistakes\n  - ")
-    assert all(f"  - {mistake}" in text for mistake in caught.value.mistakes)
-    assert str(ConfigError("cells/mine.yaml", ["no such file"])) == "cells/mine.yaml: no such file"
+        assert f"\n  - {start}" in str(caught.value), start
 
 
 @pytest.mark.parametrize("section", ["", *sections()])
@@ -147,62 +128,12 @@ def test_an_unknown_name_is_reported_in_every_section(section: str) -> None:
         assert [found for found in mistakes(damaged) if found.startswith(line)], mistakes(damaged)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"roles": {"robot": "gateway", "sensor": "driver"}}, "a section `gateway` is needed"),
-        ({"sim": None}, "a section `sim` is needed"),
-        ({"cell": "Demo Cell"}, "cell: must be"),
-        ({"bus": {"endpoint": "localhost"}}, "bus.endpoint: must be"),
-    ],
-)
-def test_sections_that_do_not_go_together_are_reported(
-    changes: dict[str, Any], message: str
-) -> None:
-    """In words about the file, not about the program."""
-    (line,) = mistakes(tree() | changes)
-    assert message in line
-
-
-@pytest.mark.parametrize(
-    ("section", "key", "value_mm"),
-    [
-        ("limits", "workspace_max_m", [400, 800, 600]),
-        ("limits", "workspace_min_m", [-400, -800, 0]),
-    ],
-)
-def test_millimetres_instead_of_metres_are_reported(section: str, key: str, value_mm: Any) -> None:
-    """No arm is that large: not taken for a workspace without an end."""
-    damaged = tree()
-    damaged[section][key] = value_mm
-    (mistake,) = mistakes(damaged)
-    assert mistake.startswith(section)
-    assert mistake.endswith("is that in millimetres?")
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_an_empty_workspace_is_reported_with_its_axis(axis: int) -> None:
-    """Lower and upper exchanged by mistake: the arm could go nowhere."""
-    damaged = tree()
-    limits = damaged["limits"]
-    limits["workspace_max_m"][axis] = limits["workspace_min_m"][axis]
-    (line,) = mistakes(damaged)
-    assert line.startswith("limits: workspace is empty along " + "xyz"[axis])
-
-
-@pytest.mark.parametrize("nothing", [None, [], "text", 3, [1, 2]])
-def test_a_file_that_holds_no_sections_is_reported(nothing: object) -> None:
-    """An empty file, a list, a word."""
-    assert mistakes(nothing) == ["the file must hold a map of sections"]
-
-
 @pytest.mark.parametrize("key", [1, 2.5, True, None])
 def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
     """YAML allows numbers as keys; a cell file does not, also inside a section."""
     inside: dict[Any, Any] = {**tree()["sim"], key: 1}
+    outside: dict[Any, Any] = {**tree(), key: 1}
     assert mistakes({**tree(), "sim": inside})
-    outside: dict[Any, Any] = tree()
-    outside[key] = 1
     assert mistakes(outside)
 
 
@@ -210,14 +141,17 @@ def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
 
 
 def test_a_missing_file_is_reported_with_its_neighbours(tmp_path: Path) -> None:
-    """Most often it is a slip of the pen."""
+    """Most often it is a slip of the pen; a folder is no file either."""
     (tmp_path / "right.yaml").write_text("cell: x", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"no such file; there are .*right\.yaml"):
         load_cell(tmp_path / "wrong.yaml")
     with pytest.raises(ConfigError, match="no such file"):
         load_cell(tmp_path / "no folder" / "wrong.yaml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_cell(tmp_path)
 
 
+@pytest.mark.parametrize("overrides", [None, {"sim.tilt_deg": 5.0}])
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -226,18 +160,21 @@ def test_a_missing_file_is_reported_with_its_neighbours(tmp_path: Path) -> None:
         (b"cell: !!python/object:os.system x", "not YAML: "),
         (b"cell: \xff\xfe", "cannot be read: "),
         (b"", "the file must hold a map of sections"),
+        (b"- 1", "the file must hold a map of sections"),
         (b"cell: x\nsim: &s {sim: *s}", "sim.sim: unknown name"),
         (b"&c {cell: *c}", "cell: "),
+        (b"sim:", "cell: missing"),
+        (b"[" * 5000 + b"]" * 5000, "not a cell file: lists or sections too deep"),
     ],
 )
 def test_a_file_that_is_no_cell_file_is_one_clear_error(
-    tmp_path: Path, content: bytes, message: str
+    tmp_path: Path, content: bytes, message: str, overrides: dict[str, Any] | None
 ) -> None:
     """Broken YAML, other bytes, nothing at all, a section inside itself."""
     path = tmp_path / "cell.yaml"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
-        load_cell(path)
+        load_cell(path, overrides)
     assert [line for line in caught.value.mistakes if message in line], caught.value.mistakes
 
 
@@ -253,19 +190,9 @@ def test_repeated_names_are_all_reported_with_their_lines(tmp_path: Path) -> Non
     ]
 
 
-def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    """Reported like any other file that cannot be read."""
-    with pytest.raises(ConfigError, match="cannot be read"):
-        load_cell(tmp_path)
-
-
-# --- overrides ------------------------------------------------------------------------------------
-
-
 def test_overrides_replace_and_add_by_dotted_path() -> None:
     """Also where the file has no such section yet; the file itself is not touched."""
     cell = load_cell(DEMO, {"sim.tilt_deg": 5.0, "force.touch_N": 1.0, "filter.median": 5})
-
     assert cell.sim is not None
     assert (cell.sim.tilt_deg, cell.force.touch_N, cell.filter.median) == (5.0, 1.0, 5)
     assert load_cell(DEMO) == DEMO_CELL
@@ -288,94 +215,91 @@ def test_an_override_is_judged_like_the_file(path: str, message: str) -> None:
     assert [line for line in caught.value.mistakes if line.startswith(message)], str(caught.value)
 
 
-@pytest.mark.parametrize("content", ["", "- 1", "sim:", "sim: 3"])
-def test_an_override_of_a_file_that_is_none_is_a_clear_error(tmp_path: Path, content: str) -> None:
-    """Empty, a list, a section without content."""
-    path = tmp_path / "cell.yaml"
-    path.write_text(content, encoding="utf-8")
-    with pytest.raises(ConfigError):
-        load_cell(path, {"sim.tilt_deg": 5.0})
+@pytest.mark.parametrize(("old", "new"), RENAMED.items())
+def test_an_old_key_is_read_with_one_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str
+) -> None:
+    """A newly written file has the new key; both keys together are a mistake."""
+    path, file = tmp_path / "cell.yaml", tree()
+    (section, old_key), new_key = old.split("."), new.split(".")[1]
+    file.setdefault(section, {})[old_key] = value = OLD_VALUES[old]
+    path.write_text(yaml.safe_dump(file), encoding="utf-8")
+    cell = load_cell(path)
+    assert load_cell(path) == cell
+    assert getattr(getattr(cell, section), new_key) == value
+    assert capsys.readouterr().err == f"{path}: {old} is now {new}: rename it\n"
+    assert old_key not in dump_cell(cell)
+    file[section][new_key] = value
+    path.write_text(yaml.safe_dump(file), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"{old}: the old name of {new}, which is set as well"):
+        load_cell(path)
 
 
 # --- hash -----------------------------------------------------------------------------------------
 
 
-def test_the_hash_is_of_the_values_not_of_the_words(tmp_path: Path) -> None:
+def test_the_hash_is_of_the_values_not_of_the_words() -> None:
     """Comments, order and defaults written out do not matter; it is short and stable."""
     shuffled = dict(reversed(tree().items()))
     shuffled["filter"] = {"lowpass_s": 5e-3, "median": 3}
-
     assert cell_hash(cell_from_tree(shuffled, "x")) == cell_hash(DEMO_CELL)
     assert len(cell_hash(DEMO_CELL)) == 12
 
 
-def numbers(data: Any, path: str = "") -> list[str]:
-    """Return the dotted path of every number outside of lists."""
-    if isinstance(data, dict):
-        inner = [numbers(value, f"{path}.{key}".lstrip(".")) for key, value in data.items()]
-        return [leaf for leaves in inner for leaf in leaves]
-    return [path] if isinstance(data, float) else []
-
-
-@pytest.mark.parametrize("path", numbers(DEMO_CELL.model_dump(mode="json", exclude={"recorder"})))
-def test_every_number_changes_the_hash(path: str) -> None:
-    """Swept: two processes that differ in any value are not of one cell."""
-    section, _, name = path.rpartition(".")
-    value = getattr(getattr(DEMO_CELL, section), name)
-    other = load_cell(DEMO, {path: value * 1.0001 if value else 1e-6})
-
-    assert cell_hash(other) != cell_hash(DEMO_CELL)
-
-
-@pytest.mark.parametrize(("path", "value"), [("recorder.keep_min", 7.0), ("panel.port", 5555)])
-def test_processes_that_only_watch_may_be_set_up_otherwise(path: str, value: float) -> None:
+@pytest.mark.parametrize("name", [n for n, s in DEMO_CELL if isinstance(s, BaseModel)])
+def test_every_number_changes_the_hash_but_those_of_processes_that_only_watch(name: str) -> None:
     """Panel and recorder move nothing: their settings do not prevent arming."""
-    assert cell_hash(load_cell(DEMO, {path: value})) == cell_hash(DEMO_CELL)
+    section = getattr(DEMO_CELL, name)
+    for field, value in section:
+        if isinstance(value, float):
+            other = section.model_copy(update={field: 1.0001 * value if value else 1e-6})
+            changed = cell_hash(DEMO_CELL.model_copy(update={name: other}))
+            assert (changed != cell_hash(DEMO_CELL)) == (name not in {"panel", "recorder"}), field
+
+
+# --- files that a cell file names -----------------------------------------------------------------
+
+
+def cell_file(folder: Path, **named: str) -> Path:
+    """Write the demo's cell file, and each file that it names: its key and its content."""
+    file, path = tree(), folder / "cell.yaml"
+    for key, content in named.items():
+        (folder / f"{key}.yaml").write_text(content, encoding="utf-8")
+        section = file["robot"] if key == "probe" else file
+        section[key] = f"{key}.yaml"
+    path.write_text(yaml.safe_dump(file), encoding="utf-8")
+    return path
 
 
 def test_a_named_file_is_in_the_folder_of_the_cell_file_and_not_of_a_link(tmp_path: Path) -> None:
     """Calibration and tuning are found through a link as they are without it."""
-    file, link = tmp_path / "mine.yaml", tmp_path / "elsewhere" / "cell.yaml"
-    file.write_text(DEMO.read_text("utf-8") + "tuning: tuned.yaml\n", "utf-8")
-    (tmp_path / "tuned.yaml").write_text("robot: {delay_s: 0.033}\n", "utf-8")
+    file, link = (
+        cell_file(tmp_path, tuning="robot: {delay_s: 0.033}"),
+        tmp_path / "elsewhere" / "cell.yaml",
+    )
     link.parent.mkdir()
     link.symlink_to(file)
-
     assert load_cell(link).robot.delay_s == 0.033
-    assert named_file(link, CALIBRATION) == named_file(file, CALIBRATION)
-
-
-# --- probe ----------------------------------------------------------------------------------------
-
-
-def with_probe(folder: Path, text: str, **robot: Any) -> Path:
-    """Write a probe, and the demo's cell file that names it; return the cell file."""
-    (folder / "probe.yaml").write_text(text, encoding="utf-8")
-    named = tree()
-    named["robot"] |= {"probe": "probe.yaml"} | robot
-    path = folder / "cell.yaml"
-    path.write_text(yaml.safe_dump(named), encoding="utf-8")
-    return path
+    assert named_file(link, TUNING) == named_file(file, TUNING) == tmp_path / "tuning.yaml"
 
 
 def test_a_cell_takes_what_the_probe_of_its_controller_measured(tmp_path: Path) -> None:
     """Null stays as the file has it; a dumped cell has the values and needs no probe."""
-    text = (
-        "robot: {delay_s: 0.021, lag_s: null, motions_ahead: 3}\n"
-        "gateway: {least_segment_s: 0.027, least_speed_m_s: null}\n"
+    path = cell_file(
+        tmp_path,
+        probe="robot: {delay_s: 0.021, lag_s: null, motions_ahead: 3}\n"
+        "gateway: {least_segment_s: 0.027, least_speed_m_s: null}\n",
     )
-    path = with_probe(tmp_path, text, lag_s=0.033, delay_s=0.001)
     assert load_cell(path).gateway is None
     path.write_text(path.read_text() + "gateway: {least_speed_m_s: 0.002}\n", encoding="utf-8")
-    robot, gateway = load_cell(path).robot, load_cell(path).gateway
-    assert (robot.delay_s, robot.lag_s, robot.motions_ahead) == (0.021, 0.033, 3)
-    assert gateway is not None
-    assert (gateway.least_segment_s, gateway.least_speed_m_s) == (0.027, 0.002)
-    assert named_file(path, PROBE) == tmp_path / "probe.yaml"
-    copy = tmp_path / "copy.yaml"
-    copy.write_text(dump_cell(load_cell(path)), encoding="utf-8")
-    assert load_cell(copy) == load_cell(path)
-    assert named_file(copy, PROBE) is None
+    cell = load_cell(path)
+    robot = (cell.robot.delay_s, cell.robot.lag_s, cell.robot.motions_ahead)
+    assert robot == (0.021, DEMO_CELL.robot.lag_s, 3)
+    assert cell.gateway is not None
+    assert (cell.gateway.least_segment_s, cell.gateway.least_speed_m_s) == (0.027, 0.002)
+    path.write_text(dump_cell(cell), encoding="utf-8")
+    assert load_cell(path) == cell
+    assert named_file(path, PROBE) is None
 
 
 @pytest.mark.parametrize(("before_s", "loaded_s"), [(0.01, 0.021), (0.1, 0.1), (True, 0.021)])
@@ -383,38 +307,67 @@ def test_the_delay_of_a_probe_replaces_a_shorter_one_only(
     tmp_path: Path, before_s: object, loaded_s: float
 ) -> None:
     """It is that of a motion alone, and a loop with too short a delay is unstable."""
-    path = with_probe(tmp_path, "robot: {delay_s: 0.021}\n", delay_s=before_s)
+    path = cell_file(tmp_path, probe="robot: {delay_s: 0.021}")
+    file = yaml.safe_load(path.read_text())
+    file["robot"]["delay_s"] = before_s
+    path.write_text(yaml.safe_dump(file))
     assert load_cell(path).robot.delay_s == loaded_s
 
 
-def test_tuning_is_measured_later_than_the_probe_and_wins(tmp_path: Path) -> None:
-    """It measured the whole loop."""
-    path = with_probe(tmp_path, "robot: {delay_s: 0.021}\n")
-    (tmp_path / "tuning.yaml").write_text("robot: {delay_s: 0.05}\n", encoding="utf-8")
-    path.write_text(path.read_text() + "tuning: tuning.yaml\n", encoding="utf-8")
-    assert load_cell(path).robot.delay_s == 0.05
+@pytest.mark.parametrize("path", TUNED)
+def test_a_tuned_value_replaces_a_typed_one_and_that_of_the_probe(
+    path: str, tmp_path: Path
+) -> None:
+    """Each of the fields that `forcemesh tune` measures, of the whole loop; no other changes."""
+    section, name = path.split(".")
+    value = 0.75 * float(getattr(getattr(DEMO_CELL, section), name))
+    file = cell_file(
+        tmp_path, tuning=f"{section}: {{{name}: {value!r}}}", probe="robot: {delay_s: 0.3}"
+    )
+    before = DEMO_CELL.model_dump()
+    before[section][name] = value
+    before["calibration"] = None
+    if path != "robot.delay_s":
+        before["robot"]["delay_s"] = 0.3
+    assert load_cell(file).model_dump() == before
+
+
+REMEDY = "measure it with `forcemesh probe`, or take robot.probe out of the cell file"
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("key", "content", "mistake"),
     [
-        ("robot: {delay: 1}\n", "robot.delay: unknown name; did you mean delay_s?"),
-        ("robot: {delay_s: soon}\n", "robot.delay_s: must be a number"),
-        ("probe: 2\n", "probe: "),
-        ("[]\n", "must hold a map of sections"),
+        (
+            "probe",
+            "robot: {delay: 1}",
+            f"robot.delay: unknown name; did you mean delay_s?; {REMEDY}",
+        ),
+        ("probe", "[]", f"the file must hold a map of sections; {REMEDY}"),
+        ("tuning", "limits: {force_N: 1.0}", f"limits.force_N: not a tuning field, valid: {VALID}"),
+        ("tuning", "robot: {delay: 1.0}", f"robot.delay: not a tuning field, valid: {VALID}"),
+        *(
+            ("tuning", text, "it must hold sections of `forcemesh tune` values")
+            for text in ("", "[robot, contact]", "robot: 3", "robot:")
+        ),
     ],
 )
-def test_a_mistake_in_a_probe_names_its_file(tmp_path: Path, text: str, words: str) -> None:
-    """As those of a cell file."""
-    with pytest.raises(ConfigError) as refused:
-        load_cell(with_probe(tmp_path, text))
-    assert words in str(refused.value)
-    assert "probe.yaml" in str(refused.value)
+def test_a_mistake_in_a_named_file_is_reported_as_one_of_that_file(
+    tmp_path: Path, key: str, content: str, mistake: str
+) -> None:
+    """A tuning changes no limit, which a person sets; without its files the cell file is read."""
+    path = cell_file(tmp_path, **{key: content})
+    with pytest.raises(ConfigError) as caught:
+        load_cell(path)
+    assert caught.value.source == str(tmp_path / f"{key}.yaml")
+    assert caught.value.mistakes == [mistake]
+    assert load_cell(path, with_files=False).robot == DEMO_CELL.robot
 
 
-def test_a_cell_file_that_holds_nothing_has_no_probe(tmp_path: Path) -> None:
-    """Nor has one whose section robot is no section."""
+def test_a_section_that_is_none_is_a_mistake_without_the_named_files_too(tmp_path: Path) -> None:
+    """The message names it."""
     path = tmp_path / "cell.yaml"
-    for text in ("[]\n", "robot: 1\n", "cell: x\n"):
-        path.write_text(text, encoding="utf-8")
-        assert named_file(path, PROBE) is None
+    path.write_text("cell: demo\nrobot: 3\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="robot"):
+        load_cell(path, with_files=False)
+    assert named_file(path, PROBE) is None

@@ -8,44 +8,24 @@ from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.overruns import Overruns, allowed_gap_s
-from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
-from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.messages import Health
 from forcemesh.topics import ROLES
 from tests.fakes.bench import CELL
+from tests.unit.common.runtime.test_service import Reported, SlowWorker, Worker
 
 MS = 1_000_000
 ALLOWED_S = 0.02
 
 
-class SlowService:
-    """A service whose steps take as long as the test sets."""
-
-    period_s = 0.004
-    trigger = None
-    fault = ""
-
-    def __init__(self, clock: ManualClock) -> None:
-        """Start awake."""
-        self.clock = clock
-        self.busy_s = 0.0
-
-    def step(self, _now_ns: int) -> None:
-        """Take long."""
-        self.clock.sleep_s(self.busy_s)
-
-    def counters(self) -> dict[str, int]:
-        """There are no counters."""
-        return {}
-
-
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=200))
 def test_the_count_is_that_of_the_long_gaps_of_the_last_second(gaps_ms: list[int]) -> None:
-    """Against the plain definition, at every step; the longest gap too."""
-    overruns, now_ns, steps = Overruns(ALLOWED_S), 0, []
+    """Against the plain definition, at every step; a loop that has just begun missed nothing."""
+    overruns, now_ns, steps = Overruns(ALLOWED_S), 10**15, []
+    assert (overruns.count, overruns.longest_s) == (0, 0.0)
     overruns.stepped(now_ns)
+    assert (overruns.count, overruns.longest_s) == (0, 0.0)
     for gap_ms in gaps_ms:
         now_ns += gap_ms * MS
         steps.append((now_ns, gap_ms / 1e3))
@@ -53,14 +33,6 @@ def test_the_count_is_that_of_the_long_gaps_of_the_last_second(gaps_ms: list[int
         recent = [gap_s for at_ns, gap_s in steps if now_ns - at_ns <= 1000 * MS]
         assert overruns.count == sum(gap_s > ALLOWED_S for gap_s in recent)
         assert overruns.longest_s == pytest.approx(max(recent))
-
-
-def test_before_the_first_gap_nothing_is_late() -> None:
-    """A loop that has just begun has missed nothing."""
-    overruns = Overruns(ALLOWED_S)
-    assert (overruns.count, overruns.longest_s) == (0, 0.0)
-    overruns.stepped(10**15)
-    assert (overruns.count, overruns.longest_s) == (0, 0.0)
 
 
 @pytest.mark.parametrize("role", ROLES)
@@ -78,34 +50,22 @@ def test_every_loop_that_publishes_a_stream_may_miss_a_period_and_no_deadline(
 
 def test_health_reports_overruns_and_the_longest_gap() -> None:
     """From the loop that does the work, not from a thread next to it."""
-    clock, transport = ManualClock(), MemoryTransport()
-    bus = Bus("regulator", CELL.cell, transport, CELL, clock)
-    client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
-    health = client.reader(topics.HEALTH["regulator"])
-    sleeper = SlowService(clock)
-    runner = Runner(sleeper, [HealthReporter(bus, CELL)], clock)
+    clock = ManualClock()
+    worker = SlowWorker(clock, period_s=0.004)
+    reported = Reported(worker, clock, MemoryTransport())
 
-    def live_s(duration_s: float) -> None:
-        end_ns = clock.now_ns() + round(duration_s * 1e9)
+    def report_after_2_s(busy_s: float) -> Health:
+        worker.busy_s, end_ns = busy_s, clock.now_ns() + 2000 * MS
         while clock.now_ns() < end_ns:
-            clock.advance_ns(MS)
-            runner.step(clock.now_ns())
+            reported.after(0.001)
+        return reported.after(0.0)
 
-    live_s(2.0)
-    report = health.read(clock.now_ns()).message
-    assert report is not None
+    report = report_after_2_s(busy_s=0.0)
     assert (report.overruns, report.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))
-    sleeper.busy_s = 0.08
-    live_s(2.0)
-    report = health.read(clock.now_ns()).message
-    assert report is not None
+    report = report_after_2_s(busy_s=0.08)
     assert report.overruns == pytest.approx(12, abs=1)
     assert report.longest_gap_s == pytest.approx(0.081, abs=0.002)
-    sleeper.busy_s = 0.0
-    live_s(2.0)
-    report = health.read(clock.now_ns()).message
-    assert report is not None
-    assert report.overruns == 0
+    assert report_after_2_s(busy_s=0.0).overruns == 0
 
 
 class FixedAccount:
@@ -130,23 +90,13 @@ class FixedAccount:
 
 def test_health_names_the_cause_of_the_latest_overrun_for_a_second() -> None:
     """And the share of a core of the process."""
-    transport, clock, account = MemoryTransport(), ManualClock(), FixedAccount()
-    bus = Bus("wrench", CELL.cell, transport, CELL, clock)
-    health = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
-    reporter = HealthReporter(bus, CELL, cast("Any", account))
-
-    def step(after_s: float) -> Health:
-        clock.sleep_s(after_s)
-        reporter.stepped(clock.now_ns(), 0.0, SlowService(clock))
-        message = health.read(clock.now_ns()).message
-        assert message is not None
-        return message
-
-    assert step(0.0).late_cause == ""
-    step(0.2)
-    found = step(0.3)
+    clock, account = ManualClock(), cast("Any", FixedAccount())
+    reported = Reported(Worker(clock, period_s=0.001), clock, MemoryTransport(), account)
+    assert reported.after(0.0).late_cause == ""
+    reported.after(0.2)
+    found = reported.after(0.3)
     assert found.late_cause == "cause of 0.3 s, after 2 steps"
     assert found.numbers["processor_fraction"] == 0.25
     for _ in range(900):
-        found = step(0.002)
+        found = reported.after(0.002)
     assert (found.overruns, found.late_cause) == (0, "")

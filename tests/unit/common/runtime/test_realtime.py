@@ -1,4 +1,4 @@
-"""Priority of processes: one that works goes first, one that starts or ends does not."""
+"""Real time of a process: its priority, its memory, and the account of why a step was late."""
 
 import ctypes
 import gc
@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime import realtime, service
+from common.runtime.realtime import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
@@ -61,10 +63,10 @@ for thread in realtime._threads(os.getpid()):
 SLICES_SINCE = (6, 12)  # Linux
 
 
-def printed_by(program: str) -> list[str]:
+def printed_by(program: str, *words: str) -> list[str]:
     """Run a program in a process of its own; return the lines that it prints."""
     return subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, "-c", program, *words],
         cwd=Path(__file__).parents[4],
         capture_output=True,
         text=True,
@@ -107,7 +109,10 @@ def test_where_the_call_is_not_known_nothing_is_requested(monkeypatch: pytest.Mo
 
 
 def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Starting and ending take tenths of a second, which loops that run already must not miss."""
+    """Starting and ending take tenths of a second, which loops that run already must not miss.
+
+    First the memory of start-up, then the lock, and priority last: it would starve others.
+    """
     order: list[str] = []
 
     @contextmanager
@@ -134,35 +139,18 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         order.append("is made")
         return Worker()
 
-    monkeypatch.setattr(gc, "freeze", lambda: order.append("freeze"))
-    monkeypatch.setattr(realtime, "take_realtime_priority", lambda: order.append("take"))
-    monkeypatch.setattr(service, "give_up_realtime_priority", lambda: order.append("give_up"))
+    for owner, name in (
+        (gc, "collect"), (gc, "freeze"), (realtime, "lock_memory"),
+        (realtime, "take_realtime_priority"), (service, "give_up_realtime_priority"),
+    ):  # fmt: skip
+        monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
     monkeypatch.setattr(service, "cell_from_arguments", lambda _: CELL)
     with pytest.raises(KeyboardInterrupt):
         service.main("regulator", make, connect=connect)
     assert order == [
-        "is made",
-        "freeze",
-        "take",
-        "works",
-        "sends goodbye",
-        "give_up",
-        "leaves the bus",
-    ]
-
-
-def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """First the memory of start-up, then the lock, and priority last: it would starve others."""
-    order: list[str] = []
-    for owner, name in (
-        (gc, "collect"),
-        (gc, "freeze"),
-        (realtime, "lock_memory"),
-        (realtime, "take_realtime_priority"),
-    ):
-        monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
-    realtime.prepare_realtime()
-    assert order == ["collect", "freeze", "lock_memory", "take_realtime_priority"]
+        "is made", "collect", "freeze", "lock_memory", "take_realtime_priority", "works",
+        "sends goodbye", "give_up_realtime_priority", "leaves the bus",
+    ]  # fmt: skip
 
 
 def test_a_service_is_bound_to_the_cores_of_its_role(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,3 +193,95 @@ def test_a_core_that_does_not_exist_is_named() -> None:
     found = printed_by(BINDS)
     text = f"cores: core 1000 cannot be used: this PC has {os.cpu_count()}, from 0 on"
     assert found == ["True", text, text]
+
+
+# --- memory ---------------------------------------------------------------------------------------
+
+LOCKS = """
+import resource, sys
+from pathlib import Path
+if sys.argv[1] == "limited":
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+from common.runtime import realtime
+if sys.argv[1] == "limited":
+    realtime._may_lock_without_limit = lambda: False
+print(realtime.lock_memory(), realtime.is_memory_locked())
+block = bytearray(50_000_000)  # a limit that is too small would end the process here
+locked = [line for line in Path("/proc/self/status").read_text().splitlines() if "VmLck" in line]
+print(int(locked[0].split()[1]) > 0)
+"""
+
+
+@pytest.mark.parametrize("limit", ["limited", "as it is"])
+def test_memory_is_locked_or_reported_as_unlocked(limit: str) -> None:
+    """With too small a limit nothing is locked, and nothing fails later for lack of memory."""
+    printed, found = printed_by(LOCKS, limit)
+    assert printed in ("True True", "False False")
+    assert found == printed.split()[0]
+    if limit == "limited":
+        assert printed == "False False"
+
+
+# --- account --------------------------------------------------------------------------------------
+
+GAP_S = 0.04
+
+
+@pytest.fixture
+def schedstat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The kernel's count, with 5 s of waiting so far."""
+    path = tmp_path / "schedstat"
+    path.write_text("77 5000000000 9\n")
+    monkeypatch.setattr(realtime, "SCHEDSTAT", path)
+    return path
+
+
+def work(duration_s: float) -> None:
+    """Use the processor for a time."""
+    end_s = time.thread_time() + duration_s
+    while time.thread_time() < end_s:
+        pass
+
+
+def test_a_long_step_is_its_own_cause(schedstat: Path) -> None:
+    """Also while it waited for a processor in between."""
+    found = ProcessorAccount()
+    work(GAP_S)
+    found.stepped()
+    schedstat.write_text("77 5039000000 9\n")
+    assert found.cause_of(GAP_S) == OWN_WORK
+
+
+@pytest.mark.parametrize(
+    ("text", "is_realtime", "cause"),
+    [
+        ("77 5030000000 9\n", False, OTHERS),
+        ("77 5030000000 9\n", True, REALTIME),
+        ("77 5001000000 9\n", False, STOPPED),
+        ("", False, STOPPED),
+        ("no numbers", False, STOPPED),
+    ],
+)
+def test_waiting_for_a_processor_is_the_work_of_others(
+    schedstat: Path, monkeypatch: pytest.MonkeyPatch, text: str, is_realtime: bool, cause: str
+) -> None:
+    """With real-time priority of other real-time work; what did not wait was stopped."""
+    monkeypatch.setattr(realtime, "has_realtime_priority", lambda: is_realtime)
+    found = ProcessorAccount()
+    found.stepped()
+    found.stepped()
+    schedstat.write_text(text)
+    assert found.cause_of(GAP_S) == cause
+    found.fraction()  # waiting before the last health is not of this gap
+    assert found.cause_of(GAP_S) == STOPPED
+
+
+def test_the_share_is_that_of_the_whole_process_since_the_last_call() -> None:
+    """Processor time over elapsed time."""
+    since_s = time.monotonic()  # before the account's own start: a wait in between only adds to it
+    found = ProcessorAccount()
+    work(0.05)
+    share = found.fraction()
+    assert share * (time.monotonic() - since_s) >= 0.05
+    time.sleep(0.05)
+    assert found.fraction() < share

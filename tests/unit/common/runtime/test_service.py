@@ -1,4 +1,4 @@
-"""The process around a service: its start, its triggers, its end, its reports."""
+"""The process around a service: its start, its triggers, its end, its reports, its errors."""
 
 import signal
 from collections.abc import Iterator
@@ -10,8 +10,11 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
+from common.runtime import realtime
 from common.runtime import service as process
+from common.runtime.realtime import ProcessorAccount
 from common.runtime.service import (
+    BREAKDOWN_SHOWN_NS,
     LONGEST_PAUSE_S,
     PATIENCE_PERIODS,
     Containment,
@@ -20,15 +23,19 @@ from common.runtime.service import (
     cell_from_arguments,
     exit_on_error,
 )
-from common.runtime.stop import StopSignal, stop_on_signals
+from common.runtime.stop import StopSignal
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from forcemesh.errors import BusError, ForcemeshError
-from forcemesh.messages import Health, SensorWrench
+from forcemesh.errors import BusError
+from forcemesh.messages import Health, Trip
+from forcemesh.requests import ArmRequest, Empty
 from tests.fakes.bench import CELL
+from tests.fakes.cellmates import Cellmates
+from tests.fakes.lab import Lab
 
 DEMO_FILE = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
+MS = 1_000_000
 
 
 class Worker:
@@ -101,77 +108,32 @@ def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServiceBus]:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_process_that_is_asked_to_end_finishes_its_step_and_no_other(
-    line: ServiceBus, number: signal.Signals
+    line: ServiceBus, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both signals; nothing is raised, and a service without a goodbye needs none."""
+    """A helper has no real-time priority; of two roles the health of both is published."""
+    monkeypatch.setattr(process, "prepare_realtime", lambda: pytest.fail("of a helper"))
     worker = LastStep(line.clock)
     worker.asked_by = number
-    process.main(
-        "robot", lambda *_: worker, connect=line.connect, implementation="sim", realtime=False
-    )
-    assert len(worker.steps_ns) == 3
-    assert line.opened_by == ["robot"]
-
-
-def test_a_service_that_has_a_goodbye_sends_it_before_the_bus_is_left(line: ServiceBus) -> None:
-    """A gateway sends its controller a hold: it needs its wire for that, and its topics."""
-
-    class Leaving(LastStep):
-        def close(self) -> None:
-            line.opened_by.append("goodbye")
-
-    @contextmanager
-    def connect(_cell: CellConfig, role: str) -> Iterator[Bus]:
-        yield line.bus(role)
-        line.opened_by.append("left")
-
-    process.main("wrench", lambda *_: Leaving(line.clock), connect=connect, realtime=False)
-    assert line.opened_by == ["goodbye", "left"]
-
-
-@pytest.mark.parametrize("realtime", [True, False])
-def test_only_loops_that_move_the_arm_get_real_time_priority(
-    line: ServiceBus, realtime: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A helper that was given real-time priority would take it from the loops."""
-    spared: list[int] = []
-    worker = LastStep(line.clock)
-    monkeypatch.setattr(process, "prepare_realtime", lambda: spared.append(len(worker.steps_ns)))
-    process.main("recorder", lambda *_: worker, connect=line.connect, realtime=realtime)
-    assert spared == ([0] if realtime else [])
-
-
-def test_a_process_of_two_roles_gives_the_health_of_both(line: ServiceBus) -> None:
-    """The first role's bus is opened; the second one plays on it."""
-    readers = [
-        line.bus(topics.CLIENT).reader(topic)
-        for topic in (topics.HEALTH["robot"], topics.HEALTH["sensor"])
-    ]
-    roles, worker = ("robot", "sensor"), LastStep(line.clock)
+    roles, client = ("robot", "sensor"), line.bus(topics.CLIENT)
+    readers = [client.reader(topics.HEALTH[role]) for role in roles]
     process.main(
         roles, lambda *_: worker, connect=line.connect, implementation="sim", realtime=False
     )
+    assert len(worker.steps_ns) == 3
     assert line.opened_by == ["robot"]
-    assert [bool(reader.read(line.clock.now_ns()).fresh) for reader in readers] == [True, True]
+    assert all(reader.read(line.clock.now_ns()).fresh for reader in readers)
 
 
-@pytest.mark.parametrize("roles", ["robot", ("sensor", "robot")])
 def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
-    line: ServiceBus, roles: Any, capsys: pytest.CaptureFixture[str]
+    line: ServiceBus, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two robots on one bus would be two arms: exit 2 before the bus is open, with the remedy."""
-
-    def make(*_: object) -> Worker:
-        raise AssertionError("made")
-
-    with pytest.raises(SystemExit) as ended:
-        process.main(roles, make, connect=line.connect, implementation="gateway", realtime=False)
-    printed = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert line.opened_by == []
-    assert printed.count("\n") == len(printed.splitlines())
-    assert "gateway" in printed
-    assert "in the cell file" in printed
+    for roles in ("robot", ("sensor", "robot")):
+        with pytest.raises(SystemExit, match="2"):
+            process.main(roles, lambda *_: pytest.fail("made"), connect=line.connect,
+                         implementation="gateway", realtime=False)  # fmt: skip
+        assert line.opened_by == []
+        assert ": gateway` in the cell file\n" in capsys.readouterr().err
 
 
 def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
@@ -184,9 +146,8 @@ def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
         raise BusError("no hub answers")
         yield
 
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit, match="2"):
         process.main("wrench", lambda *_: Worker(line.clock), connect=no_hub, realtime=False)
-    assert ended.value.code == 2
     assert capsys.readouterr().err == "wrench: no hub answers\n"
 
 
@@ -199,49 +160,23 @@ def test_an_error_outside_of_forcemesh_ends_the_process_with_its_trace(
         raise error
 
 
-def test_a_success_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    """No output, and no exit."""
-    with exit_on_error("wrench"):
-        pass
-    assert capsys.readouterr().err == ""
-
-
-# --- the command line -----------------------------------------------------------------------------
-
-
-def test_the_cell_that_the_command_line_names_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That one and no other: `--cell` has no default."""
-    monkeypatch.setattr("sys.argv", ["arbiter", "--cell", str(DEMO_FILE)])
-    assert cell_from_arguments("arbiter") == CELL
-    monkeypatch.setattr("sys.argv", ["arbiter"])
-    with pytest.raises(SystemExit) as ended:
-        cell_from_arguments("arbiter")
-    assert ended.value.code == 2
-
-
-def test_a_cell_file_with_mistakes_ends_the_process_and_all_of_them_are_printed(
+@pytest.mark.usefixtures("line")
+def test_the_cell_that_the_command_line_names_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """No service runs with the half that could be read."""
+    """That one and no other; with mistakes in it, all are printed and nothing runs."""
+    assert cell_from_arguments("arbiter") == CELL
+    monkeypatch.setattr("sys.argv", ["arbiter"])
+    with pytest.raises(SystemExit, match="2"):
+        cell_from_arguments("arbiter")
     broken = tmp_path / "broken.yaml"
     broken.write_text("cell: demo\nspeeed: 3\nroles: {robot: sim}\n", encoding="utf-8")
     monkeypatch.setattr("sys.argv", ["arbiter", "--cell", str(broken)])
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit, match="2"):
         cell_from_arguments("arbiter")
     printed = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert printed.startswith("arbiter: ")
     assert "speeed" in printed
     assert "roles.sensor" in printed
-
-
-def test_a_signal_only_sets_the_event(line: ServiceBus) -> None:
-    """The handler does nothing that a step in the middle of its work could notice."""
-    assert line.opened_by == []
-    stop = stop_on_signals()
-    assert not stop.is_set()
-    signal.raise_signal(signal.SIGTERM)
-    assert stop.is_set()
 
 
 # --- what wakes it --------------------------------------------------------------------------------
@@ -250,9 +185,10 @@ def test_a_signal_only_sets_the_event(line: ServiceBus) -> None:
 class Trigger:
     """A main input on a virtual clock: messages come at given times, and waiting ends with one."""
 
-    def __init__(self, clock: ManualClock, comes_ns: list[int]) -> None:
-        """Remember when they come."""
-        self._clock, self._comes_ns = clock, comes_ns
+    def __init__(self, clock: ManualClock, comes_ms: list[int]) -> None:
+        """Remember when they come, from now on."""
+        self._clock, start_ns = clock, clock.now_ns()
+        self._comes_ns = [start_ns + at * MS for at in comes_ms]
         self.waits_s: list[float] = []
 
     def poll(self) -> bool:
@@ -267,9 +203,6 @@ class Trigger:
         end_ns = self._clock.now_ns() + max(1, round(timeout_s * 1e9))
         next_ns = min([end_ns, *self._comes_ns])
         self._clock.advance_ns(next_ns - self._clock.now_ns())
-
-
-MS = 1_000_000
 
 
 def run_until(worker: Worker, clock: ManualClock, steps: int) -> list[int]:
@@ -306,8 +239,7 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     """A message: at once. None: after one and a half periods, or a dead input stayed unsaid."""
     clock = ManualClock()
     worker = Worker(clock, period_s=0.1)
-    start_ns = clock.now_ns()
-    worker.trigger = trigger = Trigger(clock, [start_ns + at * MS for at in (30, 70)])
+    worker.trigger = trigger = Trigger(clock, [30, 70])
     patience_ms = round(1e3 * PATIENCE_PERIODS * 0.1)
     assert run_until(worker, clock, 5) == [0, 30, 70, 70 + patience_ms, 70 + 2 * patience_ms]
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
@@ -333,8 +265,7 @@ def test_a_scheduled_service_steps_at_its_own_times_and_on_messages() -> None:
     """A message makes one step more; the next one is when the service says."""
     clock = ManualClock()
     worker = ScheduledWorker(clock)
-    start_ns = clock.now_ns()
-    worker.trigger = Trigger(clock, [start_ns + at * MS for at in (50, 170)])
+    worker.trigger = Trigger(clock, [50, 170])
     assert run_until(worker, clock, 7) == [0, 30, 50, 130, 170, 230, 330]
 
 
@@ -344,20 +275,21 @@ def test_a_scheduled_service_that_breaks_off_is_due_after_a_period() -> None:
     worker = ScheduledWorker(clock)
     worker.error = ValueError("broken")
     start_ns = clock.now_ns()
-    containment = Containment("robot", lambda text: None)
-    runner = Runner(worker, [], clock, contain=containment)
+    runner = Runner(worker, [], clock, contain=Containment("robot", lambda text: None))
     assert runner.step(start_ns)
     assert not runner.step(start_ns + 99 * MS)
     assert runner.step(start_ns + 100 * MS)
 
 
 class SlowWorker(Worker):
-    """A service whose steps take longer than its period."""
+    """A service whose steps take a time."""
+
+    busy_s = 0.3
 
     def step(self, now_ns: int) -> None:
-        """Take three periods."""
+        """Take it."""
         super().step(now_ns)
-        self._clock.sleep_s(3.0 * self.period_s)
+        self._clock.sleep_s(self.busy_s)
 
 
 def test_a_service_that_is_late_steps_again_at_once() -> None:
@@ -366,22 +298,7 @@ def test_a_service_that_is_late_steps_again_at_once() -> None:
     assert run_until(SlowWorker(clock, period_s=0.1), clock, 3) == [0, 300, 600]
 
 
-def test_a_message_wakes_the_service() -> None:
-    """The service's own reader is the trigger: one step for all that waits, and none without."""
-    line = ServiceBus()
-    worker = Worker(line.clock, period_s=10.0)
-    worker.trigger = line.bus("wrench").reader(topics.SENSOR_WRENCH)
-    sensor = line.bus("sensor").publisher(topics.SENSOR_WRENCH)
-    runner = Runner(worker, [], line.clock)
-    assert runner.step(line.clock.now_ns())
-    assert not runner.step(line.clock.now_ns())
-    for counter in range(3):
-        sensor.put(SensorWrench(counter=counter))
-    assert runner.step(line.clock.now_ns())
-    assert not runner.step(line.clock.now_ns())
-
-
-# --- its own health report ------------------------------------------------------------------------
+# --- its health -----------------------------------------------------------------------------------
 
 
 class MeteredTransport(MemoryTransport):
@@ -400,37 +317,132 @@ class MeasuringWorker(Worker):
         return {"age_s": (now_ns - self.steps_ns[0]) / 1e9}
 
 
-def healths(worker: Worker, transport: MemoryTransport, clock: ManualClock) -> list[Health]:
-    """Let a service work for a second; return all health that it gave."""
-    bus = Bus("wrench", CELL.cell, transport, CELL, clock)
-    reader = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
-    runner, reports = Runner(worker, [HealthReporter(bus, CELL)], clock), []
-    for _ in range(10):
-        runner.step(clock.now_ns())
-        if reader.poll():
-            message = reader.read(clock.now_ns()).message
-            assert message is not None
-            reports.append(message)
-        clock.sleep_s(0.1)
-    return reports
+class FailingWorker(Worker):
+    """A service that stops the arm itself when it breaks off."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        """Start well."""
+        super().__init__(clock, period_s=0.004)
+        self.trips: list[Trip] = []
+
+    def broke_off(self, trip: Trip) -> None:
+        """Remember."""
+        self.trips.append(trip)
 
 
-def test_health_reports_the_numbers_of_the_service_and_the_longest_put() -> None:
-    """The longest put since the health before, and nothing where the bus does not know."""
+class Reported:
+    """A service with its runner, and a client that reads its health."""
+
+    def __init__(
+        self,
+        worker: Worker,
+        clock: ManualClock,
+        transport: MemoryTransport,
+        account: ProcessorAccount | None = None,
+    ) -> None:
+        """Contain its errors in a log."""
+        self.log: list[str] = []
+        self._clock = clock
+        self.bus = Bus("wrench", CELL.cell, transport, CELL, clock)
+        client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
+        self._reader = client.reader(topics.HEALTH["wrench"])
+        contain = Containment("wrench", self.log.append)
+        self._runner = Runner(
+            worker, [HealthReporter(self.bus, CELL, account)], clock, contain=contain
+        )
+
+    def after(self, duration_s: float) -> Health:
+        """Step after a time; return the last health."""
+        self._clock.sleep_s(duration_s)
+        self._runner.step(self._clock.now_ns())
+        message = self._reader.read(self._clock.now_ns()).message
+        assert message is not None
+        return message
+
+
+@pytest.mark.parametrize("is_locked", [True, False])
+def test_health_reports_the_numbers_of_the_service_and_the_longest_put(
+    monkeypatch: pytest.MonkeyPatch, is_locked: bool
+) -> None:
+    """Since the health before, and nothing where the bus does not know; also locked memory."""
+    monkeypatch.setattr(realtime, "_locked", is_locked)
     clock = ManualClock()
-    reports = healths(MeasuringWorker(clock, period_s=0.1), MeteredTransport(), clock)
-    times = [message.numbers for message in reports]
-    assert [entry["age_s"] for entry in times] == pytest.approx([0.0, 0.3, 0.6, 0.9])
-    assert [entry["put_max_s"] for entry in times] == pytest.approx([1.0, 1.0, 1.3, 1.6])
+    reported = Reported(MeasuringWorker(clock, period_s=0.1), clock, MeteredTransport())
+    numbers = [reported.after(0.1).numbers for _ in range(10)][::3]
+    assert [each["age_s"] for each in numbers] == pytest.approx([0.0, 0.3, 0.6, 0.9])
+    assert [each["put_max_s"] for each in numbers] == pytest.approx([1.0, 1.1, 1.4, 1.7])
     clock = ManualClock()
-    assert healths(Worker(clock, period_s=0.1), MemoryTransport(), clock)[-1].numbers == {}
+    reported = Reported(Worker(clock, period_s=0.1), clock, MemoryTransport())
+    health = reported.after(0.0)
+    assert (health.numbers, health.counters.get("requests")) == ({}, None)
+    reported.bus.inbox(topics.TARE)
+    counters = reported.after(0.3).counters
+    assert (counters["requests"], counters["memory_locked"]) == (0, is_locked)
 
 
-def test_a_service_that_cannot_stop_the_arm_is_contained_as_well() -> None:
-    """Its health reports it, and the arbiter stops the arm for it."""
-    line = ServiceBus()
-    worker = Worker(line.clock, period_s=0.1)
-    worker.error = ForcemeshError("worn out")
-    contain = Containment("wrench", lambda _: None)
-    assert "ForcemeshError" in contain.step(worker, line.clock.now_ns())
-    assert (len(worker.steps_ns), contain.breakdowns) == (1, 1)
+@pytest.mark.parametrize("error", [RecursionError("deep"), BusError("x")], ids=repr)
+def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
+    error: Exception,
+) -> None:
+    """Health names it in the same step; two seconds after the last one it is well again."""
+    clock = ManualClock()
+    failing = FailingWorker(clock)
+    reported = Reported(failing, clock, MemoryTransport())
+    assert reported.after(0.004).valid
+    failing.error = error
+    report = reported.after(0.004)
+    assert (report.valid, report.code) == (False, "internal")
+    assert report.reason == report.fault
+    assert report.reason.startswith(f"wrench: {type(error).__name__} at test_service.py:")
+    for _ in range(100):
+        reported.after(0.004)
+    assert len(failing.steps_ns) == 102
+    assert len(reported.log) == 1, "one trace a second, however often it comes"
+    assert "Traceback" in reported.log[0]
+    assert {trip.code for trip in failing.trips} == {"internal"}
+    failing.error = None
+    assert reported.after(BREAKDOWN_SHOWN_NS / 1e9).valid
+
+
+def test_the_arm_goes_to_fault_when_another_process_breaks_off() -> None:
+    """Under its own code, with the process's text; a person clears and arms."""
+    cell = Cellmates().arm()
+    well = cell.messages["hub/health"]
+    text = "hub: ValueError at law.py:7: 1e+200"
+    cell.change("hub/health", valid=False, code="internal", reason=text)
+    cell.step()
+    assert cell.last_status().state == "FAULT"
+    assert cell.codes() == ["internal"]
+    assert text in cell.last_status().trips[0].text
+    assert cell.published().permission is None
+    assert not cell.ask(topics.CLEAR, Empty()).accepted
+    cell.messages["hub/health"] = well
+    cell.pass_s(1.1)
+    assert cell.ask(topics.CLEAR, Empty()).accepted
+    assert cell.ask(topics.ARM, ArmRequest()).accepted
+
+
+@pytest.mark.parametrize("role", ["arbiter", "regulator", "wrench", "robot"])
+def test_a_pressing_arm_holds_when_a_step_of_any_service_breaks_off(
+    role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One error in one step of a whole cell: FAULT, and nothing moves before a person arms."""
+    lab = Lab()
+    lab.approach()
+    runner = lab.cell.runners[role]
+    runner._contain = Containment(role, lambda _text: None)
+    step, left = runner.service.step, [1]
+
+    def once(now_ns: int) -> None:
+        if left:
+            left.pop()
+            raise OverflowError("cannot convert float infinity to integer")
+        step(now_ns)
+
+    monkeypatch.setattr(runner.service, "step", once)
+    lab.cell.advance(0.06)
+    assert lab.status.state == "FAULT"
+    assert lab.status.trips[-1].code == "internal"
+    assert "OverflowError" in lab.status.trips[-1].text
+    lab.cell.advance(0.25)
+    lab.assert_still(0.3)

@@ -8,13 +8,12 @@ from common.config.load import load_cell
 from common.runtime.signal_service import SignalReading, SignalService
 from forcemesh import topics
 from forcemesh.faults import tripped
-from forcemesh.messages import RobotSignals, Trip
+from forcemesh.messages import Trip
 from forcemesh.requests import Reply, SignalRequest
-from tests.fakes.bench import CELL, DEMO, Bench
+from tests.fakes.bench import DEMO, Bench
 from tests.fakes.signals import ALL_OFF, NAMED
 
 KNOWN = SignalReading({9: False, 10: False, 11: False, 1001: False})
-LOST = SignalReading(code="robot_link", reason="a test pulled the cable")
 
 
 class Role:
@@ -63,59 +62,6 @@ def ask(bench: Bench, signal: str, *, on: bool = True, commander: Any = "operato
     return bench.ask(topics.SIGNAL, request)
 
 
-@pytest.mark.parametrize("on", [True, False])
-@pytest.mark.parametrize("signal", ["lamp", "10"])
-def test_a_permitted_output_is_switched(bench: Bench, signal: str, on: bool) -> None:
-    """Once, by its number; the reply has name, number and state."""
-    reply = ask(bench, signal, on=on)
-    assert reply.accepted
-    assert reply.text == f"lamp (output 10) is switched {'on' if on else 'off'}"
-    assert role(bench).switched == [(10, on)]
-
-
-@pytest.mark.parametrize(
-    ("signal", "commander", "code"),
-    [
-        ("part", "operator", "signal_not_permitted"),
-        ("motor", "operator", "signal_not_permitted"),
-        ("lamp", "program", "signal_not_permitted"),
-        ("other", "operator", "signal_unknown"),
-        ("12", "operator", "signal_unknown"),
-    ],
-)
-def test_what_is_not_permitted_is_not_switched(
-    bench: Bench, signal: str, commander: str, code: str
-) -> None:
-    """It is refused with a code."""
-    reply = ask(bench, signal, commander=commander)
-    assert (reply.accepted, reply.code) == (False, code)
-    assert role(bench).switched == []
-
-
-def test_while_the_robot_holds_only_outputs_with_permission_are_switched(bench: Bench) -> None:
-    """The refusal has the reason of the hold."""
-    role(bench).hold = tripped("hold", "a person asked")
-    reply = ask(bench, "gripper_close")
-    assert reply.code == "signal_held"
-    assert "a person asked" in reply.text
-    assert ask(bench, "lamp").accepted
-    assert role(bench).switched == [(10, True)]
-
-
-def test_over_a_lost_link_nothing_is_switched_or_invented(bench: Bench) -> None:
-    """The state is not valid and empty, and returns with the link."""
-    assert bench.after_step(topics.ROBOT_SIGNALS) == RobotSignals(on=ALL_OFF)
-    role(bench).reading = LOST
-    message = bench.after_step(topics.ROBOT_SIGNALS)
-    assert (message.valid, message.code, message.on) == (False, "robot_link", {})
-    assert "pulled the cable" in message.reason
-    reply = ask(bench, "lamp")
-    assert (reply.accepted, reply.code) == (False, "robot_link")
-    assert role(bench).switched == []
-    role(bench).reading = KNOWN
-    assert bench.after_step(topics.ROBOT_SIGNALS).valid
-
-
 def test_what_the_robot_cannot_do_now_is_refused(bench: Bench) -> None:
     """With its reason."""
     role(bench).busy = tripped("wait", "one at a time")
@@ -140,11 +86,3 @@ def test_a_change_is_published_at_once_and_else_at_the_rate(bench: Bench) -> Non
     last = reader.read(bench.clock.now_ns()).header
     assert last is not None
     assert last.seq - second.header.seq == pytest.approx(bench.cell.rates.status_hz, abs=2)
-
-
-def test_a_cell_without_signals_publishes_none_and_refuses_all() -> None:
-    """The request is answered, so that a client does not wait."""
-    bench = Bench("robot", Role, CELL)
-    assert bench.after_step(topics.ROBOT_SIGNALS) is None
-    reply = ask(bench, "lamp")
-    assert (reply.accepted, reply.code) == (False, "signal_unknown")

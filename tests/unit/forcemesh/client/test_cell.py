@@ -70,16 +70,13 @@ def test_the_example_of_the_readme_presses(lab: Lab) -> None:
 
 
 def test_every_verb_waits_until_it_is_so(lab: Lab, cell: ConfiguredCell) -> None:
-    """Hold, clear, arm, press, change the set point, stop."""
+    """Hold, clear, arm, press, stop; the example of the README changes the set point."""
     cell.hold("a test")
     cell.clear()
     assert cell.status().state == "IDLE"
     cell.arm()
-    pressed = cell.force.press(15.0)
-    assert pressed.force_N == pytest.approx(15.0, abs=1.0)
+    assert cell.force.press(15.0).force_N == pytest.approx(15.0, abs=1.0)
     assert lab.force_N == pytest.approx(15.0, abs=1.0)
-    cell.force.set(8.0)
-    assert cell.force.settle().force_N == pytest.approx(8.0, abs=1.0)
     cell.force.stop()
     lab.cell.advance(0.2)
     assert cell.status().commander == "none"
@@ -131,13 +128,6 @@ def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
     x_m, y_m, z_m = cell.state().position_m
     for number in range(8):
         cell.move.to((x_m, y_m, z_m + 0.001 * (1 + number % 2)))
-
-
-def test_a_move_out_of_reach_is_refused_before_it_begins(calm: ConfiguredCell) -> None:
-    """The workspace is the arbiter's to keep; the code is a row of the table."""
-    with pytest.raises(RefusedError) as caught:
-        calm.move.to((0.0, 0.475, 3.0))
-    assert caught.value.code in FAULTS
 
 
 def test_a_move_that_is_stopped_reports_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
@@ -194,10 +184,8 @@ def test_a_motion_that_was_not_started_cannot_be_changed(calm: ConfiguredCell) -
     ("do", "names"),
     [
         (lambda cell: cell.force.press(-1.0), "setpoint_N: must be at least 0 N, found -1 N"),
-        (lambda cell: cell.force.press("a"), "setpoint_N: .*found 'a'"),
         (lambda cell: cell.force.path((("a", 0.0, 0.0),)), "points_m.0.0: .*found 'a'"),
         (lambda cell: cell.force.gains(force_i_m_per_Ns=(1.0, 2.0)), "force_i_m_per_Ns"),
-        (lambda cell: cell.move.joints(()), "joint_rad"),
         (lambda cell: cell.jog(shift_m=(float("nan"), 0.0, 0.0)), "position_m"),
         (
             lambda cell: cell.speed(mechanical_m_s=-1.0),

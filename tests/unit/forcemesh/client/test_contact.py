@@ -85,13 +85,6 @@ def test_an_impact_that_has_passed_is_found(lab: ContactCell) -> None:
         lab.client.contact.wait("impact", within_s=0.1, after=impact)
 
 
-def test_every_change_is_received_by_an_iteration(lab: ContactCell) -> None:
-    """The feed is as any other feed: messages with their headers."""
-    lab.press()
-    states = {each.message.state for each in lab.client.contact.feed.stream(seconds=3.0)}
-    assert states == {"approach", "impact", "contact"}
-
-
 def test_many_states_are_kept_and_the_oldest_dropped(
     lab: ContactCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:

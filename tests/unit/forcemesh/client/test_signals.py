@@ -55,15 +55,6 @@ def test_a_program_waits_for_an_input(cell: ConfiguredCell) -> None:
         cell.signals.wait("parts")
 
 
-def test_many_requests_are_executed_in_order(cell: ConfiguredCell) -> None:
-    """Each waits for the one before: the last one wins, and the arm stays armed."""
-    for k in range(6):
-        cell.signals.set("gripper_close", k % 2 == 0)
-    cell.signals.set("gripper_close")
-    cell.signals.wait("gripper_close", timeout_s=2.0)
-    assert cell.status().operational
-
-
 def test_while_the_arm_holds_only_what_may_be_is_set(lab: Lab, cell: ConfiguredCell) -> None:
     """And outputs stay as they are when the arm is held."""
     cell.signals.set("gripper_close")

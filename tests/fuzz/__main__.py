@@ -46,7 +46,7 @@ def _fuzz(name: str, seconds: int) -> int:
         print("fuzzing needs atheris, available for Python 3.11 to 3.14 on x86-64 Linux")
         return 1
     with atheris.instrument_imports(include=list(TARGETS[name])):
-        target: Any = importlib.import_module(f"fuzz.{name}")
+        target: Any = importlib.import_module(f"tests.fuzz.{name}")
     corpus = OUT / name
     corpus.mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 SEEDS = Path(__file__).parent / "seeds"
-AS_CORPUS = SEEDS.parents[1] / "tests" / "corpus" / "as"  # replayed by a separate test
+AS_CORPUS = SEEDS.parents[1] / "corpus" / "as"  # replayed by a separate test
 # Name of the target: the packages whose branches guide the fuzzer.
 TARGETS = {
     "as_text": ("sim.as_language", "sim.controller"),

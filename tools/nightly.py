@@ -57,7 +57,6 @@ PARTS = {
     "axes": Part(f"{PYTEST} -n auto -m axes tests/scenario/test_force_axes.py", 15),
     "subscribers": Part("tools.subscribers_test", 5),
     "fuzz": Part("tests.fuzz --seconds 60", 10),
-    "fuzz-codec": Part("tests.fuzz.codec", 20),
     "fuzz-commands": Part("tests.fuzz.commands", 20),
 }
 

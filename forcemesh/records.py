@@ -24,7 +24,7 @@ from forcemesh.patterns import LAW_NAME
 # msgspec's texts, such as "Expected `array` of length <= 16 - at `$.joint_rad`"
 IN_A_PART = re.compile(r".* - at `.*`", re.DOTALL)
 MISSING = re.compile(r"Object missing required field `(\w+)`")
-EXPECTED = re.compile(r"Expected `(\w+)[^`]*`( of length)?( [<>]=?)?(?: ([\d.e+-]+))?")
+EXPECTED = re.compile(r"Expected `(\w+)[^`]*`( of length)?( [<>]=?)?(?: (-?\d[\d.e+-]*))?")
 RULES = {  # the names of pydantic, whose texts are in forcemesh/validation_texts.py
     "float": "float_type",
     "int": "int_type",

@@ -58,10 +58,7 @@ JUDGES = {
         "unit/common/motion/test_unexplained",
         "unit/forcemesh/test_faults_reached",
     ),
-    "controller.packet": (
-        "unit/controller/test_packet",
-        "unit/tests/fuzz/test_codec",
-    ),
+    "controller.packet": ("unit/controller/test_packet",),
     "controller.packet_table": (
         "unit/controller/test_packet",
         "unit/controller/test_forcemesh_as",

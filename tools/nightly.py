@@ -59,7 +59,6 @@ PARTS = {
     ),
     "subscribers": Part(f"{PYTEST} -m cargo tests/contract/test_subscribers.py", 5, {"CI": "1"}),
     "fuzz": Part("python -m tests.fuzz --seconds 60", 10),
-    "fuzz-codec": Part("python -m tests.fuzz.codec", 20),
     "fuzz-commands": Part("python -m tests.fuzz.commands", 20),
 }
 

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +19,12 @@ from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.motion.convert import pose_of, record_of
+from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import (
     ArbiterStatus,
-    Message,
     RobotState,
 )
 from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
@@ -96,6 +95,24 @@ class CellUnderTest:
     def robot(self) -> RobotState | None:
         """Latest robot state, if fresh and valid."""
         return self._robot.read(self.clock.now_ns()).fresh
+
+    @property
+    def held(self) -> bool:
+        """Whether a fresh robot state reports a hold."""
+        robot = self.robot
+        return robot is not None and bool(robot.hold_reason)
+
+    @property
+    def last_robot(self) -> RobotState:
+        """Last robot state, however old. Raises HarnessError if none was received."""
+        robot = self._robot.read(self.clock.now_ns()).message
+        if robot is None:
+            raise HarnessError("no robot state received")
+        return robot
+
+    def joints(self) -> Array:
+        """Return the last measured joint angles [rad]."""
+        return np.array(self.last_robot.joint_rad)
 
     @property
     def force_N(self) -> float:
@@ -238,9 +255,3 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> 
     lines = [f"### {title}", "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
     lines += [f"| {' | '.join(str(value) for value in row)} |" for row in rows]
     return "\n".join(lines) + "\n"
-
-
-def newest(reader: Any, now_ns: int) -> Message | None:
-    """Return the newest message of a reader if it is fresh."""
-    message: Message | None = reader.read(now_ns).fresh
-    return message

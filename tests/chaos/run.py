@@ -58,7 +58,6 @@ class CaseRunner:
         self._journal = journal
         self._exits = ExitStack()
         self._trials: Trials | None = None
-        self._rig: Rig | None = None
 
     def run(self, cases: Iterable[Case]) -> Report:
         """Run all cases in order. Call it in the main thread."""
@@ -98,7 +97,7 @@ class CaseRunner:
         cell = chaos_cell(name)
         self.report.limits[name] = limits_of(cell)
         folder = Path(self._exits.enter_context(tempfile.TemporaryDirectory(prefix="chaos-")))
-        rig = self._rig = self._exits.enter_context(Rig(cell, folder))
+        rig = self._exits.enter_context(Rig(cell, folder))
         client = open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S)
         client_of_cell = RecorderClient(self._exits.enter_context(client))
         host: Host = "pc" if name == "sim" else "controller"
@@ -107,7 +106,7 @@ class CaseRunner:
 
     def _close(self) -> None:
         self._exits.close()
-        self._trials = self._rig = None
+        self._trials = None
 
     def _print(self, line: str) -> None:
         print(line, flush=True)

@@ -133,16 +133,14 @@ def test_a_report_that_is_wrong_by_less_than_a_step_begins_a_stream_there() -> N
 def test_a_stream_begins_no_farther_than_a_step_from_where_the_arm_is(
     field: int, digit: int
 ) -> None:
-    """The next digit in hundreds and tens of millimetres, and in tens of degrees and degrees."""
-    begin_spoilt(b"000101", place_of(field, digit), other)
+    """The next digit in hundreds and tens of millimetres, and in tens of degrees and degrees.
 
-
-@pytest.mark.parametrize("field", range(4))
-def test_the_controller_alone_refuses_to_begin_at_a_pose_it_is_not_at(field: int) -> None:
-    """200 mm or 20 degrees: all other checks use the report and pass the set point."""
-    cell = begin_spoilt(b"000101", place_of(field, digit=1), other)
-    assert set_points(cell)
-    assert "the controller refused a set point" in cell.rig.state.hold_reason
+    200 mm or 20 degrees are refused by the controller alone: all other checks use the report.
+    """
+    cell = begin_spoilt(b"000101", place_of(field, digit), other)
+    if digit == 1 and field < 4:
+        assert set_points(cell)
+        assert "the controller refused a set point" in cell.rig.state.hold_reason
 
 
 def place_of(field: int, digit: int) -> int:

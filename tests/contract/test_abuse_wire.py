@@ -93,7 +93,8 @@ def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
     cell.rig.advance(0.6)
     judge(cell, abuse, case.bound_s)
     if isinstance(abuse, Freeze):
-        cell.assert_stays(2.6)  # also the burst, if there is one
+        if abuse.for_ns < FOR_EVER_NS:
+            cell.assert_stays(2.6)  # until after the burst
         cell.wire.close("silent, as the socket's link finds", cell.rig.clock.now_ns())
     cell.assert_stays(0.5)
     cell.rig.wrench = None
@@ -164,7 +165,7 @@ STRIKES = st.lists(
 )
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(motion=st.sampled_from(MOTIONS), chop=st.sampled_from([0, 1, 60, 255]), strikes=STRIKES)
 def test_after_abuses_in_any_order_nothing_is_misread_and_the_arm_holds(
     motion: str, chop: int, strikes: list[tuple[str, str, int, int]]

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 import zenoh
@@ -22,9 +21,8 @@ from common.security.pki import copy_certificate, make_certificate, read_authori
 from forcemesh import topics
 from forcemesh.errors import BusError
 from forcemesh.identity import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
-from forcemesh.messages import Health, WrenchAtTcp
 from forcemesh.requests import HoldRequest, Reply
-from forcemesh.topics import HEALTH, REQUESTS, TOPICS
+from forcemesh.topics import REQUESTS, TOPICS
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings
 from services.hub.service import MOST_LINKS, Hub
 from tests.chaos.common_net import free_port
@@ -234,24 +232,6 @@ def test_a_monitor_may_hold_where_the_cell_permits_it(scratch: Path) -> None:
             done.set()
             thread.join()
     assert set(taken) == {topics.HOLD.key}
-
-
-def test_the_cell_works_with_certificates_as_without(cell: CellConfig) -> None:
-    """A role's message reaches every reader of the table, and the hub's health reaches a client."""
-    with open_hub(cell) as hub, open_bus(cell, "wrench") as wrench, open_bus(
-        cell, "regulator"
-    ) as regulator, open_bus(cell, topics.CLIENT) as client:  # fmt: skip
-        readers: list[Any] = [bus.reader(topics.WRENCH) for bus in (regulator, client)]
-        readers.append(client.reader(HEALTH["hub"]))
-        put_wrench, health = wrench.publisher(topics.WRENCH), hub.publisher(HEALTH["hub"])
-        received = [False, False, False]
-        give_up_s = time.monotonic() + PATIENCE_S
-        while not all(received) and time.monotonic() < give_up_s:
-            put_wrench.put(WrenchAtTcp())
-            health.put(Health())
-            received = [h or r.poll() for h, r in zip(received, readers, strict=True)]
-            time.sleep(0.005)
-        assert all(received)
 
 
 def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None:

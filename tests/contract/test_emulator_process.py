@@ -12,10 +12,12 @@ from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.runtime.service import Runner
+from common.runtime.stop import StopSignal
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.topics import SENSOR_WRENCH
 from sim.as_language.parser import parse
+from sim.controller.__main__ import main
 from sim.controller.behaviour import behaviour_like
 from sim.controller.network import MemoryNetwork
 from sim.controller.service import ControllerSensor
@@ -68,55 +70,49 @@ def test_a_file_runs_in_real_time_and_answers_on_its_port(tmp_path: Path) -> Non
     assert "ready\n" in lines
 
 
-@pytest.mark.processes
+def run_here(folder: Path, source: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run a file to its end in this process, as the command does; return the exit code."""
+    monkeypatch.setattr("sim.controller.run.stop_on_signals", StopSignal)
+    file = folder / "broken.as"
+    file.write_text(source, encoding="ascii")
+    try:
+        return main([str(file)])
+    except SystemExit as ended:
+        return int(ended.code or 0)
+
+
 @pytest.mark.parametrize(
     ("source", "expected", "code"),
     [
-        (program("x = 1", "y = 1/0"), "(E0108)", 1),
-        (program("x = = 1"), "broken.as:2", 2),
-        ("", "there is no program", 2),
+        (program("x = 1", "y = 1/0"), ("(E0108)", "program main, step 2: y = 1/0"), 1),
+        (program("x = = 1"), ("broken.as:2",), 2),
+        ("", ("there is no program",), 2),
     ],
 )
 def test_an_error_is_reported_with_its_place(
-    tmp_path: Path, source: str, expected: str, code: int
+    source: str, expected: tuple[str, ...], code: int, tmp_path: Path, monkeypatch, capsys
 ) -> None:
     """Code, program and step of a running program; file and line of one that does not load."""
-    file = tmp_path / "broken.as"
-    file.write_text(source, encoding="ascii")
-    done = subprocess.run(
-        command(str(file)),
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
-    )
-    assert expected in done.stdout + done.stderr
-    assert done.returncode == code
-    assert "Traceback" not in done.stderr
-    if code == 1:
-        assert "program main, step 2: y = 1/0" in done.stdout
+    assert run_here(tmp_path, source, monkeypatch) == code
+    printed = "".join(capsys.readouterr())
+    assert all(text in printed for text in expected), printed
 
 
-@pytest.mark.processes
 @pytest.mark.parametrize(
     ("lines", "code"),
     [((), 1), (("PCEXECUTE 2: reset", "TWAIT 0.1"), 0)],
     ids=["standing", "reset"],
 )
 def test_a_program_that_goes_on_after_an_error_is_not_ended(
-    lines: tuple[str, ...], code: int, tmp_path: Path
+    lines: tuple[str, ...], code: int, tmp_path: Path, monkeypatch, capsys
 ) -> None:
     """An error of a PC program ends that one; the exit code is that of the error at the end."""
-    main = program("PCEXECUTE 1: bad", "TWAIT 0.2", *lines, 'TYPE "after"')
+    main_program = program("PCEXECUTE 1: bad", "TWAIT 0.2", *lines, 'TYPE "after"')
     others = program("x = 1/0", name="bad") + program("MC ERESET", name="reset")
-    file = tmp_path / "on.as"
-    file.write_text(main + others, encoding="ascii")
-    done = subprocess.run(command(str(file)), cwd=ROOT, capture_output=True, text=True,
-                          timeout=DEADLINE_S, check=False)  # fmt: skip
-    assert "program bad, step 1: x = 1/0" in done.stdout
-    assert "after" in done.stdout
-    assert done.returncode == code
+    assert run_here(tmp_path, main_program + others, monkeypatch) == code
+    printed = capsys.readouterr().out
+    assert "program bad, step 1: x = 1/0" in printed
+    assert "after" in printed
 
 
 @pytest.mark.processes

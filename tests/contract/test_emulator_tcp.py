@@ -1,18 +1,14 @@
-"""The TCP instructions as AS programs use them: on real loopback sockets and on wires in memory."""
+"""The TCP instructions as AS programs use them: codes, variables and times."""
 
 import socket
-import struct
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
 
 import pytest
 
 from sim.controller.behaviour import Behaviour, pessimistic
-from sim.controller.network import SocketNetwork
+from sim.controller.network import MemoryStream, SocketNetwork
 from tests.fakes.as_bench import FAST, AsBench, program
-
-pytestmark = pytest.mark.realtime
 
 PORT = 49152
 REAL_DEADLINE_S = 20.0
@@ -42,112 +38,46 @@ SERVER = program(
 )
 
 
-class Caller:
-    """A client of the controller: bytes in, bytes out, on a socket or in memory."""
-
-    def __init__(self, bench: AsBench, sockets: SocketNetwork | None) -> None:
-        self._bench, self._sockets = bench, sockets
-        self.end: Any = None
-
-    def call(self) -> None:
-        """Wait until the port is open, and connect."""
-        port = self._sockets.bound if self._sockets else self._bench.network.listeners
-        self.advance_until(lambda: PORT in port)
-        if self._sockets is None:
-            self.end = self._bench.network.dial(PORT)
-        else:
-            self.end = socket.create_connection(("127.0.0.1", self._sockets.bound[PORT]))
-            self.end.setblocking(False)
-
-    def echo(self, data: bytes) -> bytes:
-        """Send bytes and wait for as many."""
-        self.end.send(data)
-        got = b""
-
-        def come() -> bool:
-            nonlocal got
-            got += self._receive()
-            return len(got) >= len(data)
-
-        self.advance_until(come)
-        return got
-
-    def reset(self) -> None:
-        """Cut the connection."""
-        if self._sockets is None:
-            self.end.reset()
-        else:
-            self.end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            self.end.close()
-
-    def advance_until(self, condition: Callable[[], object]) -> None:
-        """Advance the controller until a condition is true."""
-        deadline = time.monotonic() + REAL_DEADLINE_S
-        while not self._bench.advance(0.01, condition):
-            assert time.monotonic() < deadline, "the controller does not do it"
-
-    def _receive(self) -> bytes:
-        try:
-            return (
-                self.end.receive(65536) if self._sockets is None else self.end.recv(65536)
-            ) or b""
-        except BlockingIOError:
-            return b""
+def connected() -> tuple[AsBench, MemoryStream]:
+    """Return an echo server in AS, and a client of it."""
+    bench = AsBench(SERVER).start()
+    assert bench.advance(1.0, lambda: PORT in bench.network.listeners)
+    return bench, bench.network.dial(PORT)
 
 
-def bench_on(kind: str, source: str, behaviour: Behaviour = FAST) -> tuple[AsBench, Caller]:
-    """Make a controller on real sockets or on wires in memory."""
-    bench = AsBench(source, behaviour)
-    sockets = None
-    if kind == "sockets":
-        sockets = SocketNetwork(port=0)
-        bench.machine.tcp._network = sockets
-    return bench, Caller(bench, sockets)
+def echo(bench: AsBench, client: MemoryStream, data: bytes) -> bytes:
+    """Send bytes and wait for as many."""
+    client.send(data)
+    got = bytearray()
+
+    def come() -> bool:
+        got.extend(client.receive(65536) or b"")
+        return len(got) >= len(data)
+
+    assert bench.advance(5.0, come)
+    return bytes(got)
 
 
-@pytest.fixture(params=["sockets", "memory"])
-def server(request: pytest.FixtureRequest) -> Iterator[tuple[AsBench, Caller]]:
-    """Start an echo server in AS; return it and its client."""
-    bench, caller = bench_on(request.param, SERVER)
-    bench.start()
-    yield bench, caller
-    bench.machine.tcp.close_all()
-    if caller.end is not None:
-        caller.end.close()
-
-
-def test_bytes_come_back_as_they_were_sent(server: tuple[AsBench, Caller]) -> None:
+def test_bytes_come_back_as_they_were_sent() -> None:
     """More than an element, control characters and NUL: an echo in AS loses nothing."""
-    bench, caller = server
-    caller.call()
+    bench, client = connected()
     for data in (b"hello", bytes(range(256)), b"x" * 1000):
-        assert caller.echo(data) == data
+        assert echo(bench, client, data) == data
     assert [bench.value(f"ip[{k}]") for k in range(1, 5)] == [127, 0, 0, 1]
     assert bench.value("s") > 0
 
 
-def test_a_client_that_closes_gives_no_element_and_no_error(
-    server: tuple[AsBench, Caller],
+@pytest.mark.parametrize(("end", "lost"), [(MemoryStream.close, 2), (MemoryStream.reset, 1)])
+def test_a_client_that_ends_is_distinguished_from_one_that_resets(
+    end: Callable[[MemoryStream], object], lost: int
 ) -> None:
-    """TCP_RECV returns 0 with n = 0; the program ends and frees its port."""
-    bench, caller = server
-    caller.call()
-    caller.echo(b"a")
-    caller.end.close()
-    caller.advance_until(lambda: bench.task.state == "idle")
-    assert bench.value("lost") == 2
+    """TCP_RECV returns 0 with n = 0, or -34025; the program ends and frees its port."""
+    bench, client = connected()
+    echo(bench, client, b"a")
+    end(client)
+    assert bench.advance(5.0, lambda: bench.task.state == "idle")
+    assert bench.value("lost") == lost
     assert bench.machine.tcp.listening == ()
-    assert not bench.machine.stops
-
-
-def test_a_client_that_resets_is_a_lost_connection(server: tuple[AsBench, Caller]) -> None:
-    """TCP_RECV returns -34025, and the program goes on."""
-    bench, caller = server
-    caller.call()
-    caller.echo(b"a")
-    caller.reset()
-    caller.advance_until(lambda: bench.task.state == "idle")
-    assert bench.value("lost") == 1
     assert not bench.machine.stops
 
 
@@ -183,10 +113,8 @@ def test_a_fraction_of_a_second_in_a_time_out_is_an_open_question(
 
 def test_listener_and_socket_survive_an_abort() -> None:
     """As on the controller: the next TCP_LISTEN fails until the port is freed."""
-    bench, caller = bench_on("memory", SERVER)
-    bench.start()
-    caller.call()
-    caller.echo(b"a")
+    bench, client = connected()
+    echo(bench, client, b"a")
     bench.pendant.abort()
     bench.advance(0.1)
     assert bench.machine.tcp.listening == (PORT,)
@@ -214,6 +142,7 @@ def test_sending_an_undefined_element_is_e0104() -> None:
     assert AsBench(source).fail().code == "E0104"
 
 
+@pytest.mark.realtime
 def test_a_program_connects_to_a_server_of_ours() -> None:
     """TCP_CONNECT, TCP_SEND and TCP_RECV as a client on a real socket."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
@@ -222,15 +151,23 @@ def test_a_program_connects_to_a_server_of_ours() -> None:
                          f"TCP_CONNECT s, {port}, ip[1], 5", '$a[1] = "ask"',
                          "TCP_SEND r, s, $a[1], 1", "n = 0",
                          "TCP_RECV r, s, $b[1], n, 5", "TCP_CLOSE r, s")  # fmt: skip
-        bench, caller = bench_on("sockets", source)
+        bench = AsBench(source)
+        bench.machine.tcp._network = SocketNetwork(port=0)
         bench.start()
         listening.settimeout(REAL_DEADLINE_S)
-        caller.advance_until(lambda: bench.value("r") is not None)
+        advance_until(bench, lambda: bench.value("r") is not None)
         peer, _ = listening.accept()
         with peer:
             peer.settimeout(REAL_DEADLINE_S)
             assert peer.recv(100) == b"ask"
             peer.sendall(b"sent")
-            caller.advance_until(lambda: bench.task.state == "idle")
+            advance_until(bench, lambda: bench.task.state == "idle")
     assert bench.value("$b[1]") == "sent"
     assert not bench.machine.stops
+
+
+def advance_until(bench: AsBench, condition: Callable[[], object]) -> None:
+    """Advance the controller in real time until a condition is true."""
+    deadline = time.monotonic() + REAL_DEADLINE_S
+    while not bench.advance(0.01, condition):
+        assert time.monotonic() < deadline, "the controller does not do it"

@@ -11,7 +11,7 @@ from forcemesh import topics
 from forcemesh.messages import Health
 from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
-from tests.fakes.gateway_cell import a_cell, a_cell_on_sockets
+from tests.fakes.gateway_cell import a_cell
 
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
@@ -31,23 +31,6 @@ class Listener:
     def health(self) -> Health:
         """The newest health."""
         return self._reader.read(self._rig.clock.now_ns()).message or Health()
-
-
-@pytest.mark.realtime
-def test_the_gateway_measures_the_controller_on_a_socket() -> None:
-    """100 samples a second, one cycle for each; round trips; the controller's monitor speed."""
-    with a_cell_on_sockets(rate_hz=100.0) as cell:
-        listener = Listener(cell.rig)
-        cell.rig.connect()
-        cell.rig.arm()  # heartbeats flow
-        cell.rig.until(lambda: set(listener.health.numbers) == RATES | FRAMED | TAKEN | FROM_103)
-        numbers = listener.health.numbers
-        assert 0.0 < numbers["sender_hz"] <= 101.0
-        assert numbers["program_loop_hz"] == pytest.approx(numbers["sender_hz"], rel=0.2)
-        assert numbers["monitor_speed_fraction"] == 1.0
-        assert numbers["any_peer_may_connect"] == 1.0
-        assert 0.0 < numbers["framed_round_trip_p50_s"] <= numbers["framed_round_trip_p99_s"]
-        assert 0.0 < numbers["taken_round_trip_p50_s"] <= numbers["taken_round_trip_p99_s"]
 
 
 def test_a_figure_is_absent_before_it_is_measured() -> None:
@@ -98,6 +81,7 @@ def test_the_gateway_measures_the_program_that_ships() -> None:
     assert set(numbers) == RATES | FRAMED | TAKEN | FROM_103
     assert all(isfinite(number) and number > 0.0 for number in numbers.values())
     assert numbers["any_peer_may_connect"] == 1.0  # fm.peer of the shipped program
+    assert numbers["monitor_speed_fraction"] == 1.0
     assert numbers["sender_hz"] == pytest.approx(samples_hz, abs=0.8)
     assert numbers["program_loop_hz"] == pytest.approx(loops_hz, abs=0.8)
     period_s = 1.0 / numbers["sender_hz"]

@@ -1,10 +1,7 @@
 """The simulated Net F/T on real sockets, read by pynetft and by our driver: they must agree."""
 
-import json
 import threading
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -164,20 +161,6 @@ def test_a_bias_that_another_client_sets_shows_in_the_sensor() -> None:
         assert next(samples).force[2] == pytest.approx(5.0)
         client.bias()
         assert any(abs(sample.force[2]) < 1e-6 for sample in islice(samples, 2000))
-
-
-def test_switches_are_set_over_http_and_mistakes_are_reported() -> None:
-    """A short request suffices; an unknown switch is refused with the list of switches."""
-    with streaming() as server:
-        url = f"http://127.0.0.1:{server.page_port}/faults"
-        with urllib.request.urlopen(url, b"loss=0.25&stall=on") as answer:
-            assert json.load(answer)["loss"] == 0.25
-        assert (server.sensor.switches.loss, server.sensor.switches.stall) == (0.25, True)
-        for body in (b"lose=0.1", b"loss=2", b"stall=perhaps"):
-            with pytest.raises(urllib.error.HTTPError) as refused:
-                urllib.request.urlopen(url, body)
-            assert refused.value.code == 400
-            refused.value.close()
 
 
 def test_a_port_in_use_is_reported() -> None:

@@ -27,11 +27,9 @@ UNIT_RAD = math.radians(1 / 500)  # of O, A, T in a packet
 MOVES: dict[str, tuple[tuple[float, ...], list[tuple[float, float, float]], float]] = {
     "through 180": (DOWN, [(10, 0, 0), (-20, 0, 0), (10, 0, 0)], 0.0),
     "through 180, slanted and in motion": (DOWN, [(6, 7, 0), (-14, -13, 0)], 0.03),
-    "into 180": (DOWN, [(0, 12, 0), (0, -12, 0)], 0.0),
     "about the axis at 180": (DOWN, [(0, 0, 15), (0, 0, -30)], 0.02),
     "a hundredth of a degree off 180": (DOWN, [(0.02, 0, 0), (-0.02, 0.02, 0)], 0.01),
     "through 0": (UP, [(10, 0, 0), (-20, 0, 0), (10, 0, 0)], 0.0),
-    "into 0": (UP, [(4, 9, 0), (-4, -9, 0)], 0.02),
     "about the axis at 0": (UP, [(0, 0, 15), (0, 0, -30)], 0.0),
     "over the end of O": (DOWN, [(0, 15, 0), (0, 0, 6), (0, 0, -12)], 0.0),
     "over the end of T": (TURNED, [(0, 0, 15), (0, 0, -25), (5, 5, 12)], 0.0),
@@ -88,9 +86,9 @@ class Arm:
         return pin.SE3(self.rig.T)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def arm() -> Iterator[Arm]:
-    """Yield one cell for all moves."""
+    """Yield a cell of its own: the way to a start depends on where the arm is."""
     cell = Arm()
     yield cell
     assert cell.emulated.machine.stops == []

@@ -5,9 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from common.motion.convert import record_of
 from forcemesh.messages import Gains
-from services.gateway.plain_link import HOLD_TAKEN_WITHIN_S
 from tests.contract.rig import distance_m, goal, pose_goal, shifted
 from tests.fakes.plain_rig import PlainRig
 
@@ -95,25 +93,6 @@ def test_a_hold_stops_a_goal_and_force_feedback(make):
     assert distance_m(arm.T_base_flange, stopped) < 1e-5
 
 
-def test_a_hold_that_is_not_taken_closes_the_connection(make):
-    """The robot program is held on the pendant; at the end of a connection plain.as brakes."""
-    cell = make()
-    cell.arm()
-    rig = cell.rig
-    start = rig.T
-    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
-    rig.until(lambda: distance_m(rig.T, start) > 0.01)
-    cell.controller.machine.pendant.hold()
-    rig.send_hold()
-    rig.until(lambda: not rig.state.valid, within_s=HOLD_TAKEN_WITHIN_S + 0.5)
-    assert "has not taken a hold in 500 ms" in rig.state.reason
-    cell.controller.machine.pendant.run()
-    rig.connect()
-    stopped = cell.controller.arm.T_base_flange
-    rig.advance(1.0)
-    assert distance_m(cell.controller.arm.T_base_flange, stopped) < 1e-3
-
-
 def test_coarse_gains_are_refused_with_the_scale_to_change(make):
     """0.4 mm/(N s) is no whole number of mm/(N s): hold, nothing is started."""
     cell = make(is_specification=True)
@@ -121,24 +100,6 @@ def test_coarse_gains_are_refused_with_the_scale_to_change(make):
     cell.run_feedback(GAINS, 0.0, 0.2)
     assert "gateway.plain.gain_i" in cell.rig.state.hold_reason
     assert cell.controller.value("pl.mode") == 0
-
-
-def test_a_stream_of_set_points_is_refused(make):
-    """No command of the specification carries one."""
-    cell = make()
-    cell.arm()
-    cell.rig.send("setpoint", pose=record_of(cell.rig.T))
-    cell.rig.until(lambda: cell.rig.state.hold_reason)
-    assert "no command for a stream of set points" in cell.rig.state.hold_reason
-
-
-@pytest.mark.parametrize(("chars", "cell_chars"), [(54, 63), (63, 54)])
-def test_reports_of_another_width_are_reported_with_the_setting_to_compare(make, chars, cell_chars):
-    """No hello compares it: the connection is closed, and counted as a protocol error."""
-    cell = make(chars=chars, cell_chars=cell_chars)
-    cell.rig.until(lambda: "gateway.plain.packet_chars" in cell.rig.state.reason)
-    assert cell.rig.state.link.errors > 0
-    assert not cell.rig.state.valid
 
 
 def test_the_gateway_comes_back_after_the_program_was_started_again(make):

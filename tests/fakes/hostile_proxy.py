@@ -61,23 +61,16 @@ class HostileProxy:
             self.hop.lane(direction).abuse = abuse
         return abuse
 
-    def vanish(self) -> None:
-        """Read and answer nothing more on the newest connection, and do not close it."""
-        with self._lock:
-            self.hop.vanished = True
-
     # --- inside -----------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            ends = [
-                end for hop, *pair in self._pairs if not (hop.over or hop.vanished) for end in pair
-            ]
+            ends = [end for hop, *pair in self._pairs if not hop.over for end in pair]
             select.select([self._listener, *ends], [], [], TURN_S)
             with self._lock:
                 self._accept()
                 for hop, near, far in self._pairs:
-                    if not (hop.vanished or hop.over):
+                    if not hop.over:
                         self._pump(hop, near, far)
 
     def _accept(self) -> None:

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz.targets import AS_CORPUS, SEEDS, TARGETS
+from tests.fuzz.targets import AS_CORPUS, TARGETS
 
 OUT = Path("out") / "fuzz"
 
@@ -46,18 +46,21 @@ def _fuzz(name: str, seconds: int) -> int:
         print("fuzzing needs atheris, available for Python 3.11 to 3.14 on x86-64 Linux")
         return 1
     with atheris.instrument_imports(include=list(TARGETS[name])):
-        target: Any = importlib.import_module(f"fuzz.{name}")
+        target: Any = importlib.import_module(f"tests.fuzz.{name}")
+    seeds = importlib.import_module("tests.fuzz.seeds").seeds(name)
     corpus = OUT / name
     corpus.mkdir(parents=True, exist_ok=True)
+    for seed, data in seeds.items():
+        (corpus / seed).write_bytes(data)
     options: dict[str, Any] = {}
     if hasattr(target, "mutate"):
         options["custom_mutator"] = lambda data, size, seed: target.mutate(
             data, size, seed, atheris.Mutate
         )
     limits = [f"-max_total_time={seconds}", f"-max_len={target.MAX_BYTES}", "-rss_limit_mb=3000"]
-    where = [f"-artifact_prefix={OUT / name}-", str(corpus), str(SEEDS / name)]
+    where = [f"-artifact_prefix={OUT / name}-", str(corpus)]
     where += [str(AS_CORPUS)] if name == "as_text" else []
-    dictionary = SEEDS.parent / f"{name}.dict"
+    dictionary = Path(__file__).with_name(f"{name}.dict")
     words = [f"-dict={dictionary}"] if dictionary.exists() else []
     atheris.Setup(
         [name, *limits, "-timeout=20", "-print_final_stats=1", *words, *where],

@@ -16,7 +16,7 @@ from forcemesh.messages import Message
 from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import REQUESTS, TOPICS
-from tests.fuzz.targets import seeds
+from tests.fuzz.seeds import seeds
 
 MAX_BYTES = 4200  # slightly more than the limit of a message
 MESSAGES: tuple[type[Message], ...] = tuple(topic.message for topic in TOPICS)
@@ -54,7 +54,7 @@ def mutate(data: bytes, max_size: int, seed: int, plain: Callable[[bytes, int], 
 
 @cache
 def _starts() -> tuple[bytes, ...]:
-    return tuple(seed.read_bytes() for seed in seeds("messages"))
+    return tuple(seeds("messages").values())
 
 
 def _change(fields: dict[Any, Any], rng: random.Random) -> None:

@@ -1,5 +1,6 @@
-"""Generator of the hand-made seeds of the packet targets: `python -m tests.fuzz.seeds`."""
+"""Seeds of the fuzz targets; those of the packet targets are made from the table of commands."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from controller.packet import Packet, encode
@@ -115,13 +116,14 @@ def gateway_seeds() -> dict[str, bytes]:
     }
 
 
-def main() -> None:
-    """Write all seeds."""
-    for target, seeds in (("receiver", receiver_seeds()), ("gateway", gateway_seeds())):
-        (FOLDER / target).mkdir(parents=True, exist_ok=True)
-        for name, data in seeds.items():
-            (FOLDER / target / name).write_bytes(data)
+MADE: dict[str, Callable[[], dict[str, bytes]]] = {
+    "receiver": receiver_seeds,
+    "gateway": gateway_seeds,
+}
 
 
-if __name__ == "__main__":
-    main()
+def seeds(target: str) -> dict[str, bytes]:
+    """Return the seeds of a target by name: made here, or kept as files."""
+    made = MADE[target]() if target in MADE else {}
+    files = sorted((FOLDER / target).glob("*"))
+    return made | {path.name: path.read_bytes() for path in files}

@@ -1,4 +1,4 @@
-"""The fault injection harness: it injects faults, and its evaluation detects every violation."""
+"""Evaluation of fault injections: it detects every violation. `make chaos` injects the faults."""
 
 from collections import Counter
 from dataclasses import replace
@@ -11,27 +11,11 @@ from tests.chaos.cases import KINDS, PHASES, TWO, Case, matrix, named
 from tests.chaos.ground_truth import FlangePath
 from tests.chaos.journal import Journal
 from tests.chaos.outcome import Outcome, OutcomeLimits, violations
-from tests.chaos.run import CaseRunner
 from tests.chaos.witness import ROW, Witness
 
 LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
 CASE = Case("sim", "regulator", "kill", "press", 0)
 MS = 1_000_000
-
-
-@pytest.mark.processes
-@pytest.mark.timeout(300)  # an invalid trial is repeated with a new cell
-def test_two_plugs_are_pulled_and_the_arm_holds():
-    """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
-    cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]
-    report = CaseRunner(Journal(None)).run(cases)
-    assert report.untried == []
-    assert [outcome.case for outcome in report.outcomes] == cases
-    for outcome in report.outcomes:
-        assert violations(outcome, LIMITS) == []
-        assert not outcome.continued
-        assert outcome.cause
-        assert outcome.speed_m_s > 2e-3
 
 
 def held(**change: object) -> Outcome:

@@ -65,13 +65,6 @@ def test_the_gateway_reports_the_loop_rate_of_the_program():
     assert fast["taken_round_trip_p50_s"] < slow["taken_round_trip_p50_s"]
 
 
-@pytest.mark.long
-def test_two_demo_runs_are_the_same_to_the_last_bit():
-    """Gateway, program, arm and the whole cell on one clock."""
-    trial = DemoOverrides(as_step_s=0.0003)
-    assert run_demo("controller", "position", trial) == run_demo("controller", "position", trial)
-
-
 def test_a_step_time_for_a_cell_without_an_emulated_controller_is_refused():
     """The message names a cell that has one."""
     with pytest.raises(ConfigError, match=r"demo-tcp\.yaml"):

@@ -10,11 +10,11 @@ from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
+from tests.chaos.common_net import CellUnderTest
 from tests.contract.test_bus_expiry import shorten
 from tests.scenario.conftest import PATIENCE_S, ROOT
 from tests.scenario.test_calibrate_processes import wait_for
-from tests.scenario.test_demo_processes import Watcher, forcemesh, status_of
-from tests.scenario.test_revived import press
+from tests.scenario.test_demo_processes import forcemesh, status_of
 
 VALID_S = 45.0  # long enough to be up and to press on a loaded machine
 LATE_S = 5.0  # until the hub has closed the link and the others have missed its messages
@@ -34,19 +34,20 @@ def test_the_arm_holds_and_the_screen_names_the_expired_certificate(
     ends_s = shorten(tmp_path / "pki", role, cell, VALID_S)
     wait_for(start("-m", "cli", "up", "--cell", tls_cell_file, "--no-panel"), "is up")
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
-        press(bus)
-        watcher = Watcher(bus)
-        watcher.until(lambda: watcher.state() == "ACTIVE")
+        client = CellUnderTest(cell, bus)
+        client.make_ready()
+        client.press(5.0)
+        client.until(lambda: client.state == "ACTIVE", "force feedback")
         assert time.time() < ends_s - 2.0, "this machine is too slow for the test"
         while time.time() < ends_s - 1.0:
-            assert watcher.state() == "ACTIVE"
+            assert client.state == "ACTIVE"
             time.sleep(0.05)
-        watcher.until(watcher.held)
+        client.until(lambda: client.held, "a hold")
         assert ends_s - 1.0 < time.time() < ends_s + LATE_S
         time.sleep(2.0)
-        joints = watcher.joints()
+        joints = client.joints()
         status = status_of(tls_cell_file)
-        assert abs(watcher.joints() - joints).max() < 1e-3
+        assert abs(client.joints() - joints).max() < 1e-3
     assert status["state"] not in MAY_MOVE
     (silent,) = (row for row in status["services"] if not row["alive"])
     assert silent["name"] == role

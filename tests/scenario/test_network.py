@@ -6,7 +6,6 @@ The whole test is `python -m tests.chaos.network`.
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -182,49 +181,3 @@ def test_a_pulled_cable_holds_the_arm(tmp_path):
 
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 trials, 1 held, 0 went on, 0 out of bounds" in done.stdout
-
-
-def descendants(pid: int) -> set[int]:
-    """Return the processes that a process has started, and theirs."""
-    children: dict[int, list[int]] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_text(encoding="utf-8").rpartition(")")[2].split()[1])
-        except OSError:
-            continue
-        children.setdefault(parent, []).append(int(stat.parent.name))
-    todo, found = [pid], set[int]()
-    while todo:
-        new = set(children.get(todo.pop(), ())) - found
-        found |= new
-        todo += new
-    return found
-
-
-@pytest.mark.processes
-@needs_namespaces()
-def test_a_harness_that_is_killed_leaves_nothing_behind():
-    """Kill -9 during a trial: all its processes, namespaces and cables end."""
-    harness = subprocess.Popen(
-        chaos_network("--cell", "demo", "--only", "regulator/link-down"),
-        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    give_up_s = time.monotonic() + PATIENCE_S
-    while len(started := descendants(harness.pid)) < 8:  # five hosts, and the first services
-        assert time.monotonic() < give_up_s
-        assert harness.poll() is None
-        time.sleep(0.02)
-    harness.kill()
-    harness.wait()
-    while any(Path(f"/proc/{pid}/ns/net").exists() and is_running(pid) for pid in started):
-        assert time.monotonic() < give_up_s, "a process outlived its harness"
-        time.sleep(0.02)
-
-
-def is_running(pid: int) -> bool:
-    """Return whether a process still runs; a zombie does not."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] not in "ZX"

@@ -1,7 +1,6 @@
 """The subscriber of docs/bus.md reads the bus with Zenoh and MessagePack alone."""
 
 import ast
-import json
 import re
 from pathlib import Path
 
@@ -36,16 +35,3 @@ def test_the_subscriber_of_the_bus_page_reads_the_wrench(cell_file, start):
 
     assert len(numbers) == 3
     assert all(abs(number) < 5.0 for number in numbers)  # in the air: the old bias is nearly right
-
-
-def test_watch_prints_json_lines(cell_file, start):
-    """`watch robot/state --count 3 --json` prints three objects with the flange's position."""
-    up = start("-m", "cli", "up", "--cell", cell_file)
-    assert "is up" in next(line for line in up.stderr if "is up" in line)
-
-    watch = start("-m", "cli", "watch", "robot/state", "--cell", cell_file, "--count", 3, "--json")
-    lines = [json.loads(watch.stdout.readline()) for _ in range(3)]
-
-    assert [line["seq"] for line in lines] == sorted({line["seq"] for line in lines})
-    for line in lines:
-        assert line["position_m"] == pytest.approx([0.0, 0.475, 0.377], abs=1e-3)

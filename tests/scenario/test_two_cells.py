@@ -11,13 +11,11 @@ from common.bus.cell_bus import open_bus
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
-from tests.chaos.common_net import free_port
+from tests.chaos.common_net import CellUnderTest, free_port
 from tests.fakes.waiting import wait_until
 from tests.hostile.client import connected
-from tests.scenario.conftest import ROOT
+from tests.scenario.conftest import PATIENCE_S, ROOT
 from tests.scenario.test_calibrate_processes import wait_for
-from tests.scenario.test_demo_processes import PATIENCE_S, Watcher
-from tests.scenario.test_revived import press
 
 STILL_RAD = 1e-3
 MESSAGES = 2000
@@ -71,10 +69,12 @@ def test_a_cell_does_not_execute_commands_of_another_one(tmp_path, start, monkey
         open_bus(cells["pressing"], topics.CLIENT, patience_s=PATIENCE_S) as one,
         open_bus(cells["standing"], topics.CLIENT, patience_s=PATIENCE_S) as other,
     ):
-        press(one)
-        presses, stands = Watcher(one), Watcher(other)
-        presses.until(lambda: presses.state() == "ACTIVE")
-        stands.until(stands.held)
+        presses = CellUnderTest(cells["pressing"], one)
+        stands = CellUnderTest(cells["standing"], other)
+        presses.make_ready()
+        presses.press(5.0)
+        presses.until(lambda: presses.state == "ACTIVE", "force feedback")
+        stands.until(lambda: stands.held, "a hold")
         rest = stands.joints()
         bridge = Misdelivery(sessions["pressing"], sessions["standing"], "pressing", "standing")
         many = lambda: bridge.delivered.get("robot/command", 0) > MESSAGES  # noqa: E731
@@ -82,14 +82,13 @@ def test_a_cell_does_not_execute_commands_of_another_one(tmp_path, start, monkey
 
         def is_delivered() -> bool:
             nonlocal moved_rad
-            state = stands.robot.read(stands.clock.now_ns()).message
-            moved_rad = max(moved_rad, float(np.abs(np.array(state.joint_rad) - rest).max()))
-            assert state.hold_reason
+            moved_rad = max(moved_rad, float(np.abs(stands.joints() - rest).max()))
+            assert stands.last_robot.hold_reason
             return many()
 
         wait_until(is_delivered, PATIENCE_S, "enough is delivered")
         assert moved_rad < STILL_RAD
-        stands.until(lambda: stands.state() not in ("", *MAY_MOVE))
+        stands.until(lambda: stands.state not in ("", *MAY_MOVE), "the arbiter's state")
         assert {"robot/state", "sensor/wrench", "wrench"} <= bridge.delivered.keys()
     for session in sessions.values():
         session.close()

@@ -162,6 +162,7 @@ def test_the_page_is_fetched_until_it_arrives_and_again_after_a_clear() -> None:
         poll_until(serial="FT27462")
         assert fetch.poll(now_ns) == parse(PAGE)
         fetch.clear()
+        assert fetch.fault == "not read yet"
         SensorPage.answer = (200, PAGE.replace("FT27462", "FT00002"))
         poll_until(serial="FT00002")
     finally:

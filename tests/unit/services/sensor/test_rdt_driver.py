@@ -9,7 +9,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ZERO3, SensorWrench
 from services.sensor.rdt_driver import FAULT_HOLD_S
 from services.sensor.rdt_status import MONITOR_CONDITIONS
-from tests.fakes.netft_rig import PERIOD_S, RATE_HZ, STALE_S, TRUTH, NetftRig
+from tests.fakes.netft_rig import PERIOD_S, STALE_S, TRUTH, NetftRig
 
 
 def assert_faults(messages: list[SensorWrench], code: str, reason: str) -> None:
@@ -33,13 +33,13 @@ def test_every_record_becomes_one_message_in_SI() -> None:
     assert rig.sensor.client is None
 
 
-def test_silence_is_reported_at_the_rate_of_the_sensor_without_old_numbers() -> None:
+def test_silence_is_reported_at_the_rate_of_the_cell_without_old_numbers() -> None:
     """From the first period on; later after the deadline, before which nothing is published."""
-    rig = NetftRig()
+    rig = NetftRig(cell={"rates.sensor_hz": 500.0})
     rig.switch(mute="on")
     messages = rig.run(0.2)
     assert_faults(messages, "sensor_silent", "simulated:49152: nothing received: check address")
-    assert len(messages) == pytest.approx(0.2 * RATE_HZ, abs=2)
+    assert len(messages) == pytest.approx(0.2 * 500.0, abs=2)
     rig.switch(mute="off")
     rig.run(0.3)
     rig.switch(mute="on")
@@ -48,8 +48,8 @@ def test_silence_is_reported_at_the_rate_of_the_sensor_without_old_numbers() -> 
     rig.run(4 * PERIOD_S)
     messages = rig.run(0.1)
     assert_faults(messages, "sensor_silent", "nothing received any more")
-    assert messages[0].reason.startswith(f"no sample for {1e3 * stale_s + 4:.0f} ms")
-    assert len(messages) == pytest.approx(0.1 * RATE_HZ, abs=2)
+    assert messages[0].reason.startswith(f"no sample for {1e3 * stale_s + 5:.0f} ms")
+    assert len(messages) == pytest.approx(0.1 * 500.0, abs=2)
 
 
 def test_the_reason_is_that_of_the_present_state() -> None:

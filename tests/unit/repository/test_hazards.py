@@ -11,10 +11,14 @@ from tests.hazards import FAILED, NO_CHANGE, PAGE, PASSED, Planted, named_tests,
 from tools.tree import ROOT
 
 
-def test_every_hazard_has_one_row() -> None:
-    """H01 to H55, as the analysis numbers them."""
-    found = re.findall(r"^\| (H\d\d) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+def test_every_hazard_has_one_row_and_every_command_exists() -> None:
+    """H01 to H55, as the analysis numbers them; each named command is a target of make."""
+    page = PAGE.read_text(encoding="utf-8")
+    found = re.findall(r"^\| (H\d\d) \|", page, re.MULTILINE)
     assert sorted(found) == [f"H{number:02d}" for number in range(1, 56)]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"`make ([a-z-]+)`", page)):
+        assert f"\n{target}:" in makefile, target
 
 
 @pytest.mark.parametrize("hazard", rows())
@@ -32,13 +36,6 @@ def test_a_row_has_a_planted_change_that_fits_or_the_reason_why_not(hazard: str)
         assert not function or f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), (
             function
         )
-
-
-def test_every_command_that_is_named_is_a_target_of_make() -> None:
-    """A reader can run each of them."""
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in set(re.findall(r"`make ([a-z-]+)`", PAGE.read_text(encoding="utf-8"))):
-        assert f"\n{target}:" in makefile, target
 
 
 def test_only_a_failed_test_is_a_proof_and_is_not_repeated(

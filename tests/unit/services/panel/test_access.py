@@ -178,7 +178,7 @@ def test_a_token_begins_a_session_and_is_not_kept_in_the_browser(by_form, token,
 
 def test_the_page_runs_its_own_scripts_and_calls_no_other_host():
     """Each answer has a new number, which all of its scripts have; the policy permits no other."""
-    gate, nonces = gate_of(LOCAL, "<b>cell</b>"), set()
+    gate, nonces, body, policy = gate_of(LOCAL, "<b>cell</b>"), set(), "", ""
     for _ in range(3):
         page = answer_of(gate)
         policy = page.headers["Content-Security-Policy"]
@@ -196,7 +196,10 @@ def test_the_page_runs_its_own_scripts_and_calls_no_other_host():
         assert f"{directive} 'none'" in policy
     assert "http" not in policy
     assert policy.count("ws:") == policy.count(f"ws://{HERE}") == 1
-    injected = answer_of(gate_of(LOCKED), f"/?token={TOKEN}", Host="x; script-src *")
+    locked = gate_of(LOCKED)
+    cookie = answer_of(locked, f"/?token={TOKEN}").headers["Set-Cookie"].partition(";")[0]
+    injected = answer_of(locked, Host="x; script-src *", Cookie=cookie)
+    assert injected.status_code == 200
     assert "script-src *" not in injected.headers["Content-Security-Policy"]
 
 

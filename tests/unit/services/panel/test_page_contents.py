@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,7 +224,7 @@ def test_the_wizard_of_a_cell_that_is_down_reports_it(tmp_path):
     path = tmp_path / "cell.yaml"
     path.write_text(DEMO.read_text(encoding="utf-8").replace("7447", "7399"), encoding="utf-8")
     wizard = WizardProcess(path)
-    asked = {"poses": 6, "verify_poses": 1, "speed_mm_s": 100.0}
+    asked: dict[str, Any] = {"poses": 6, "verify_poses": 1, "speed_mm_s": 100.0}
     assert wizard.plan(**asked) == ""
     assert wizard.plan(**asked) == "a calibration is already running"
     wizard.wait(60.0)

@@ -25,6 +25,10 @@ ROOT = Path(__file__).parents[4]
 SOURCES = production_files()
 TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
 NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
+UNQUOTED = re.compile(r"=\s*\{|<[^>]*\{\}[^>\"]*(?<!\")>")
+PROSE = "services/panel/viewer.py"
+# The one file that may call each; Markdown renders raw HTML, so none may.
+CALLED_IN = {"add_markdown": "", "add_html": PROSE, "Html": "services/panel/markup.py"}
 # Parts of f-strings with tags that are no foreign text, with the reason.
 OURS = {
     "services/panel/server.py": {
@@ -126,37 +130,29 @@ def refused(node: ast.AST, name: str) -> str:
     """Return the reason why a node may let foreign text into a page, empty when it does not."""
     if isinstance(node, ast.Call):
         return refused_call(node, name)
-    if isinstance(node, ast.Assign) and name != "services/panel/viewer.py":
-        targets = [one for one in node.targets if isinstance(one, ast.Attribute)]
-        if any(one.attr == "content" for one in targets):
-            return "only Prose sets what a form shows"
+    targets = node.targets if isinstance(node, ast.Assign) and name != PROSE else []
+    if any(getattr(one, "attr", "") == "content" for one in targets):
+        return "only Prose sets what a form shows"
     if isinstance(node, ast.JoinedStr):
         return refused_text(node, name)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and has_tag(node.left):
-        return "a template with tags is filled by common.markup.html"
+        return "a template with tags is filled by services.panel.markup.html"
     return ""
 
 
 def refused_call(node: ast.Call, name: str) -> str:
     """Check a call: only certain functions may add to a page."""
     called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-    if called == "add_markdown":
-        return "Markdown renders raw HTML: use Prose"
-    if called == "add_html" and name != "services/panel/viewer.py":
-        return "only Prose adds HTML"
-    if called == "Html" and name != "services/panel/markup.py":
-        return "only services.panel.markup makes Html"
-    if called == "format" and isinstance(node.func, ast.Attribute) and has_tag(node.func.value):
-        return "a template with tags is filled by common.markup.html"
-    if called == "html" and isinstance(node.func, ast.Name):
-        template = ast.unparse(node.args[0]) if not isinstance(node.args[0], ast.Constant) else ""
-        if template and not template.isupper() and template != "row":
-            return "the template is no literal"
-        if not template and re.search(
-            r"=\s*\{|<[^>]*\{\}[^>\"]*(?<!\")>", ast.unparse(node.args[0])
-        ):
-            return "an attribute's value stands in quotes"
-    return ""
+    if called in CALLED_IN and name != CALLED_IN[called]:
+        return f"{called}: use Prose and services.panel.markup.html"
+    if called == "format" and has_tag(getattr(node.func, "value", node)):
+        return "a template with tags is filled by services.panel.markup.html"
+    if called != "html" or not isinstance(node.func, ast.Name):
+        return ""
+    template = ast.unparse(node.args[0])
+    if not isinstance(node.args[0], ast.Constant):
+        return "" if template.isupper() or template == "row" else "the template is no literal"
+    return "an attribute's value stands in quotes" if UNQUOTED.search(template) else ""
 
 
 def refused_text(node: ast.JoinedStr, name: str) -> str:

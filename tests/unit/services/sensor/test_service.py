@@ -1,25 +1,23 @@
 """The sensor service: which samples it publishes, with which faults, and of which sensor."""
 
 import random
-from collections.abc import Sequence
 from itertools import pairwise
 from math import inf, nan
 
 import pytest
 
-from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import refuse_other_implementation
-from forcemesh import topics
-from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
-from forcemesh.messages import ZERO3, Vec3
-from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample
-from services.sensor.service import Decimation, SensorDriver
-from tests.fakes.bench import DEMO, Bench
-from tests.fakes.netft_rig import PERIOD_S, RATE_HZ, REAL_CELL, NetftRig
+from forcemesh.messages import ZERO3
+from services.sensor.driver import SensorSample
+from services.sensor.service import Decimation
+from tests.fakes.bench import DEMO
+from tests.fakes.netft_rig import FITTING, PERIOD_S, RATE_HZ, REAL_CELL, NetftRig
 from tools.tree import ROOT
+
+FROM_PAGE = {"sensor.calibration": "page"}
 
 # --- decimation -----------------------------------------------------------------------------------
 
@@ -68,76 +66,34 @@ def test_the_service_decimates_and_reports_a_bad_sample_between_two_good_ones() 
 # --- any driver -----------------------------------------------------------------------------------
 
 
-class ScriptedDriver:
-    """A driver of the sensor that is plugged in, if any; the test sets its reading."""
-
-    where = "a sensor"
-
-    def __init__(self) -> None:
-        self.serial: str | None = "FT1"
-        self.has_info = True
-        self.force_N: Vec3 = (1.0, 2.0, 3.0)
-        self._counter = 0
-
-    def read(self, now_ns: int) -> Sequence[SensorSample]:
-        """Return one sample while a sensor is plugged in."""
-        if self.serial is None:
-            return []
-        self._counter += 1
-        return [SensorSample(self.force_N, ZERO3, counter=self._counter, stamp_ns=now_ns)]
-
-    def silence_fault(self) -> SensorFault:
-        """Return no fault."""
-        return NO_FAULT
-
-    def info(self) -> Info | None:
-        """Return the sensor's own description."""
-        known = self.has_info and self.serial is not None
-        return Info("fake", 100.0, 10.0, "its own", self.serial or "") if known else None
-
-    def counters(self) -> dict[str, int]:
-        """Count nothing."""
-        return {}
-
-    def close(self) -> None:
-        """Release nothing."""
-
-
-def bench_of(driver: ScriptedDriver) -> Bench:
-    """Return a bench of the service with this driver."""
-
-    def make(bus: Bus, cell: CellConfig) -> SensorDriver:
-        return SensorDriver(bus, cell, driver)
-
-    return Bench("sensor", make, step_s=0.002)
-
-
 def test_each_sample_has_the_serial_number_of_the_sensor_that_measured_it() -> None:
     """Also when it is read after the first sample, and of another sensor on the same cable."""
-    driver = ScriptedDriver()
-    driver.has_info = False
-    bench = bench_of(driver)
-    assert bench.after_step(topics.SENSOR_WRENCH).serial == ""
-    driver.has_info = True
-    assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
-    driver.serial = None
-    bench.pass_s(1.0)
-    driver.serial = "FT2"
-    assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT2"
+    rig = NetftRig(FITTING._replace(serial="FT1"), page_fault="slow", cell=FROM_PAGE)
+    assert {message.serial for message in rig.run(0.1)} == {""}
+    assert rig.page is not None
+    rig.page.fault = ""
+    assert rig.run(0.1)[-1].serial == "FT1"
+    rig.page.about = rig.page.about._replace(serial="FT2")
+    assert rig.run(0.1)[-1].serial == "FT1"
+    rig.switch(restart=True)
+    assert rig.run(0.5)[-1].serial == "FT2"
 
 
 @pytest.mark.parametrize("number", [nan, inf, -inf])
-def test_a_reading_that_is_not_finite_is_a_fault(number: float) -> None:
+def test_a_reading_that_is_not_finite_is_a_fault(
+    number: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Published as one, with its axis; the next good reading is published as usual."""
-    driver = ScriptedDriver()
-    bench = bench_of(driver)
-    driver.force_N = (0.0, number, 0.0)
-    message = bench.after_step(topics.SENSOR_WRENCH)
+    rig = NetftRig()
+    rig.run(0.1)
+    sample = SensorSample((0.0, number, 0.0), ZERO3, counter=101)
+    with monkeypatch.context() as broken:
+        broken.setattr(rig.driver, "read", lambda _now_ns: [sample])
+        (message,) = rig.run(PERIOD_S)
     assert (message.valid, message.status, message.code) == (False, "fault", "sensor_fault")
     assert message.reason == f"Fy reads {number}: not finite"
-    assert message.force_N == ZERO3
-    driver.force_N = (1.0, 2.0, 3.0)
-    assert bench.after_step(topics.SENSOR_WRENCH).force_N == (1.0, 2.0, 3.0)
+    assert (message.force_N, message.counter) == (ZERO3, 101)
+    assert rig.run(2 * PERIOD_S)[-1].valid
 
 
 # --- its cell -------------------------------------------------------------------------------------

@@ -16,8 +16,9 @@ from common.bus.configured_cell import ConfiguredCell
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.load import dump_cell, load_cell
 from forcemesh.errors import ForcemeshError
-from tests.browser.rig import ROOT, SPARE, Cockpit, answers, running, wait_until
+from tests.browser.rig import SPARE, Cockpit, answers, running, wait_until
 from tests.chaos.common_net import free_port
+from tests.fakes.bench import DEMO
 
 CHROMIUM = "/usr/bin/chromium"
 HOME_RAD = (0.0, 0.0, -1.5707963, 0.0, -1.5707963, 0.0)
@@ -49,7 +50,7 @@ def cell_file(tmp_path_factory) -> Path:
         "force.approach_m_s": 0.005,
     }
     path = folder / "cell.yaml"
-    cell = load_cell(ROOT / "cells" / "demo.yaml", overrides | {"calibration": None})
+    cell = load_cell(DEMO, overrides | {"calibration": None})
     text = dump_cell(cell)
     path.write_text(text + f"calibration: {folder / 'made.yaml'}\n", encoding="utf-8")
     left = Residuals(

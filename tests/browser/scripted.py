@@ -7,7 +7,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from common.config.load import load_cell
 from common.runtime.stop import StopSignal
 from forcemesh.bus import Reading
 from forcemesh.clock import MonotonicClock
@@ -15,10 +14,8 @@ from services.panel import page as page_module
 from services.panel.access import Door
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
-from tests.browser.rig import ROOT
 from tests.chaos.common_net import free_port
-
-CELL = ROOT / "cells" / "demo.yaml"
+from tests.fakes.bench import CELL, DEMO
 
 
 def feed_of(reading: Reading[Any]) -> SimpleNamespace:
@@ -54,11 +51,13 @@ class ScriptedWatch:
 
 
 @contextmanager
-def served(monkeypatch, watch: ScriptedWatch, progress: Progress | None = None) -> Iterator[str]:
-    """Serve a panel of this watch; yield its address."""
+def served(
+    monkeypatch, watch: ScriptedWatch, progress: Progress | None = None, **door: Any
+) -> Iterator[str]:
+    """Serve a panel of this watch behind a door; yield its address."""
     monkeypatch.setattr(page_module, "CellMonitor", lambda _cell: watch)
     port, stop = free_port(), StopSignal()
-    page = page_module.PanelPage(load_cell(CELL), CELL, Door("127.0.0.1", port))
+    page = page_module.PanelPage(CELL, DEMO, Door("127.0.0.1", port, **door))
     if progress is not None:
         page._wizard.progress = progress
     thread = threading.Thread(target=page.run, args=[stop])

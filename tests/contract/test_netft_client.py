@@ -22,7 +22,7 @@ from services.sensor.service import SensorDriver
 from sim.netft.protocol import About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import NetftServer
-from tests.fakes.rdt_sensor import REAL_CELL
+from tests.fakes.netft_rig import REAL_CELL
 
 pytestmark = pytest.mark.realtime
 

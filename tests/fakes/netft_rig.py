@@ -19,8 +19,9 @@ from services.sensor.rdt_driver import RdtDriver
 from services.sensor.service import SensorDriver
 from sim.netft.protocol import About, page
 from sim.netft.sensor import NetftSensor
-from tests.fakes.rdt_sensor import REAL_CELL
+from tools.tree import ROOT
 
+REAL_CELL = ROOT / "cells" / "rs007l-real.yaml"
 RATE_HZ = 1000
 PERIOD_S = 1.0 / RATE_HZ
 STALE_S = 0.02

@@ -12,10 +12,14 @@ from tools.nightly import parts_of
 from tools.tree import ROOT
 
 
-def test_every_hazard_has_one_row() -> None:
-    """H01 to H55, as the analysis numbers them."""
-    found = re.findall(r"^\| (H\d\d) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+def test_every_hazard_has_one_row_and_every_command_exists() -> None:
+    """H01 to H55, as the analysis numbers them; each named command is a target of make."""
+    page = PAGE.read_text(encoding="utf-8")
+    found = re.findall(r"^\| (H\d\d) \|", page, re.MULTILINE)
     assert sorted(found) == [f"H{number:02d}" for number in range(1, 56)]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"`make ([a-z-]+)`", page)):
+        assert f"\n{target}:" in makefile, target
 
 
 @pytest.mark.parametrize("hazard", rows())

@@ -17,10 +17,27 @@ CONTRACTS: list[dict[str, Any]] = PROJECT["tool"]["importlinter"]["contracts"]
 LIBRARIES = {"forcemesh/zenoh_session.py": "zenoh", "forcemesh/codec.py": "msgpack"}
 
 
-@pytest.fixture(scope="module")
-def skeleton(tmp_path_factory: pytest.TempPathFactory) -> Path:
+PLANTED = [
+    ("forcemesh/zenoh_session.py", "services.one.law", "Imports point one way"),
+    ("services/two/x.py", "sim.robot.plate", "Imports point one way"),
+    ("forcemesh/codec.py", "common.motion.frames", "Imports point one way"),
+    ("identification/x.py", "services.one.law", "Imports point one way"),
+    ("launch/x.py", "cli.x", "Imports point one way"),
+    ("sim/robot/plate.py", "services.two.x", "Imports point one way"),
+    ("sim/as_language/x.py", "sim.controller.x", "The language AS knows no robot"),
+    ("services/two/x.py", "services.one.law", "Services meet on the bus only"),
+    ("services/two/x.py", "zenoh", "Only one file knows Zenoh"),
+    ("cli/x.py", "msgpack", "Only forcemesh.codec knows MessagePack"),
+    ("services/one/law.py", "forcemesh.zenoh_session", "Pure modules"),
+    ("common/motion/frames.py", "socket", "Pure modules"),
+    ("controller/packet.py", "time", "Pure modules"),
+]
+
+
+@pytest.fixture
+def skeleton(tmp_path: Path) -> Path:
     """Return a tree of empty modules under the project's own import contracts."""
-    root = tmp_path_factory.mktemp("skeleton")
+    root = tmp_path
     shutil.copy(ROOT / "pyproject.toml", root)
     named = [module for contract in CONTRACTS for module in contract.get("source_modules", [])]
     fixed = [module for module in named if "*" not in module]
@@ -52,8 +69,8 @@ def skeleton(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def broken_contracts(root: Path) -> set[str]:
-    """Return the names of the contracts that a tree breaks."""
+def broken_contracts(root: Path) -> dict[str, str]:
+    """Return the contracts that a tree breaks, each with the imports that break it."""
     program = "from importlinter.cli import lint_imports_command as main; main()"
     found = subprocess.run(
         [sys.executable, "-c", program, "--no-cache"],
@@ -64,43 +81,24 @@ def broken_contracts(root: Path) -> set[str]:
         check=False,
     )
     assert "Contracts:" in found.stdout, found.stdout + found.stderr
-    return set(re.findall(r"^(.+) BROKEN$", found.stdout, re.MULTILINE))
+    listed, _, details = found.stdout.partition("\nBroken contracts\n")
+    names = re.findall(r"^(.+) BROKEN$", listed, re.MULTILINE)
+    parts = re.split(r"^(.+)\n-+\n", details, flags=re.MULTILINE)
+    return {name: parts[parts.index(name) + 1] for name in names}
 
 
-def test_empty_modules_break_no_contract(skeleton: Path) -> None:
-    """The tree that the next test plants imports into is itself clean."""
-    assert broken_contracts(skeleton) == set()
-
-
-@pytest.mark.parametrize(
-    ("module", "imported", "contract"),
-    [
-        ("forcemesh/zenoh_session.py", "services.one.law", "Imports point one way"),
-        ("services/two/x.py", "sim.robot.plate", "Imports point one way"),
-        ("forcemesh/codec.py", "common.motion.frames", "Imports point one way"),
-        ("identification/x.py", "services.one.law", "Imports point one way"),
-        ("launch/x.py", "cli.x", "Imports point one way"),
-        ("sim/robot/plate.py", "services.two.x", "Imports point one way"),
-        ("sim/as_language/x.py", "sim.controller.x", "The language AS knows no robot"),
-        ("services/two/x.py", "services.one.law", "Services meet on the bus only"),
-        ("services/two/x.py", "zenoh", "Only one file knows Zenoh"),
-        ("cli/x.py", "msgpack", "Only forcemesh.codec knows MessagePack"),
-        ("services/one/law.py", "forcemesh.zenoh_session", "Pure modules"),
-        ("common/motion/frames.py", "socket", "Pure modules"),
-        ("controller/packet.py", "time", "Pure modules"),
-    ],
-)
-def test_forbidden_import_is_found(
-    skeleton: Path, module: str, imported: str, contract: str
-) -> None:
-    """Each contract has teeth: one planted import breaks it."""
-    path = skeleton / module
-    before = path.read_text(encoding="utf-8")
-    path.write_text(f"{before}import {imported}\n", encoding="utf-8")
-    try:
-        assert any(name.startswith(contract) for name in broken_contracts(skeleton))
-    finally:
-        path.write_text(before, encoding="utf-8")
+def test_each_contract_finds_the_imports_that_it_forbids(skeleton: Path) -> None:
+    """Empty modules break none; each planted import is in the report of its contract."""
+    assert broken_contracts(skeleton) == {}
+    for module, imported, _ in PLANTED:
+        with (skeleton / module).open("a", encoding="utf-8") as stream:
+            stream.write(f"import {imported}\n")
+    broken = broken_contracts(skeleton)
+    assert set(broken) == {contract["name"] for contract in CONTRACTS}
+    for module, imported, contract in PLANTED:
+        (report,) = (text for name, text in broken.items() if name.startswith(contract))
+        line = f"{module.removesuffix('.py').replace('/', '.')} -> {imported} (l."
+        assert line in report, line
 
 
 def test_contracts_have_no_exceptions() -> None:

@@ -25,6 +25,10 @@ ROOT = Path(__file__).parents[4]
 SOURCES = production_files()
 TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
 NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
+UNQUOTED = re.compile(r"=\s*\{|<[^>]*\{\}[^>\"]*(?<!\")>")
+PROSE = "services/panel/viewer.py"
+# The one file that may call each; Markdown renders raw HTML, so none may.
+CALLED_IN = {"add_markdown": "", "add_html": PROSE, "Html": "services/panel/markup.py"}
 # Parts of f-strings with tags that are no foreign text, with the reason.
 OURS = {
     "services/panel/server.py": {
@@ -64,6 +68,7 @@ def test_any_text_is_shown_literally_and_is_never_an_element(text):
     found = Elements(html("<p>{}</p>", inner))
     assert (found.tags, found.text) == (["p", "b title"], shown)
     assert Elements(joined([inner, inner], text)).text == 3 * shown
+    assert html("{}|{}", None, "{0}{}") == "None|{0}{}"  # braces in a text are no fields
 
 
 def test_foreign_text_in_a_page_of_the_templates_is_text():
@@ -78,41 +83,23 @@ def test_foreign_text_in_a_page_of_the_templates_is_text():
         filled_page("cli.report", "report.html", title="")
 
 
-def test_none_or_a_number_in_a_field_is_text_too():
-    """Braces in a text are no fields."""
-    assert html("{}|{}|{}", None, 1.5, "{0}{}") == "None|1.5|{0}{}"
-
-
 @pytest.mark.parametrize(
     "shown",
     [
         lambda text: now_text(snapshot(text)),
         lambda text: force_text(snapshot(text)),
-        lambda text: words(filled_status(text)),
+        lambda text: words(filled(RecorderStatus, text).replaced(recording=True)),
         lambda text: notes_of(progress(text)),
         lambda text: paragraphs(text("a"), text("b")),
+        lambda text: log_text((Happened("12:00:00", "FAULT", filled(Trip, text)),)),
     ],
-    ids=["faults", "force", "record", "calibrate", "lines"],
+    ids=["faults", "force", "record", "calibrate", "lines", "log"],
 )
 def test_no_text_of_a_message_changes_the_elements_of_a_tab(shown):
     """Each form has the elements that it has with harmless text, and shows the whole text."""
     plain, worst = Elements(shown(harmless)), Elements(shown(hostile))
     assert worst.tags == plain.tags
     assert len(worst.text) > len(plain.text)
-
-
-def test_the_log_of_faults_shows_foreign_codes_as_text():
-    """An unknown code has no remedy and no markup."""
-    trip = filled(Trip, hostile)
-    shown = Elements(log_text((Happened("12:00:00", "FAULT", trip),)))
-    assert trip.text in shown.text
-    assert trip.code in shown.text
-    assert set(shown.tags) <= {"p", "b", "code"}
-
-
-def filled_status(text):
-    """Return a recorder's status with this text in all fields."""
-    return filled(RecorderStatus, text).replaced(recording=True)
 
 
 def progress(text):
@@ -143,37 +130,29 @@ def refused(node: ast.AST, name: str) -> str:
     """Return the reason why a node may let foreign text into a page, empty when it does not."""
     if isinstance(node, ast.Call):
         return refused_call(node, name)
-    if isinstance(node, ast.Assign) and name != "services/panel/viewer.py":
-        targets = [one for one in node.targets if isinstance(one, ast.Attribute)]
-        if any(one.attr == "content" for one in targets):
-            return "only Prose sets what a form shows"
+    targets = node.targets if isinstance(node, ast.Assign) and name != PROSE else []
+    if any(getattr(one, "attr", "") == "content" for one in targets):
+        return "only Prose sets what a form shows"
     if isinstance(node, ast.JoinedStr):
         return refused_text(node, name)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and has_tag(node.left):
-        return "a template with tags is filled by common.markup.html"
+        return "a template with tags is filled by services.panel.markup.html"
     return ""
 
 
 def refused_call(node: ast.Call, name: str) -> str:
     """Check a call: only certain functions may add to a page."""
-    called = ast.unparse(node.func).rpartition(".")[2]
-    if called == "add_markdown":
-        return "Markdown renders raw HTML: use Prose"
-    if called == "add_html" and name != "services/panel/viewer.py":
-        return "only Prose adds HTML"
-    if called == "Html" and name != "services/panel/markup.py":
-        return "only services.panel.markup makes Html"
-    if called == "format" and isinstance(node.func, ast.Attribute) and has_tag(node.func.value):
-        return "a template with tags is filled by common.markup.html"
-    if called == "html" and isinstance(node.func, ast.Name):
-        template = ast.unparse(node.args[0]) if not isinstance(node.args[0], ast.Constant) else ""
-        if template and not template.isupper() and template != "row":
-            return "the template is no literal"
-        if not template and re.search(
-            r"=\s*\{|<[^>]*\{\}[^>\"]*(?<!\")>", ast.unparse(node.args[0])
-        ):
-            return "an attribute's value stands in quotes"
-    return ""
+    called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+    if called in CALLED_IN and name != CALLED_IN[called]:
+        return f"{called}: use Prose and services.panel.markup.html"
+    if called == "format" and has_tag(getattr(node.func, "value", node)):
+        return "a template with tags is filled by services.panel.markup.html"
+    if called != "html" or not isinstance(node.func, ast.Name):
+        return ""
+    template = ast.unparse(node.args[0])
+    if not isinstance(node.args[0], ast.Constant):
+        return "" if template.isupper() or template == "row" else "the template is no literal"
+    return "an attribute's value stands in quotes" if UNQUOTED.search(template) else ""
 
 
 def refused_text(node: ast.JoinedStr, name: str) -> str:

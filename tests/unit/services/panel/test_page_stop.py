@@ -2,13 +2,11 @@
 
 import asyncio
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from common.config.load import load_cell
 from common.runtime.stop import StopSignal
 from forcemesh.errors import BusError
 from forcemesh.requests import Reply
@@ -16,8 +14,7 @@ from services.panel import page as page_module
 from services.panel.access import Door
 from services.panel.watch import CellMonitor, Snapshot
 from tests.chaos.common_net import free_port
-
-CELL = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
+from tests.fakes.bench import CELL, DEMO
 
 
 class ReachableMonitor(CellMonitor):
@@ -37,9 +34,9 @@ class ReachableMonitor(CellMonitor):
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return a running panel without a browser."""
-    cell, stop = load_cell(CELL), StopSignal()
+    stop = StopSignal()
     monkeypatch.setattr(page_module, "CellMonitor", ReachableMonitor)
-    page = page_module.PanelPage(cell, CELL, Door("127.0.0.1", free_port()))
+    page = page_module.PanelPage(CELL, DEMO, Door("127.0.0.1", free_port()))
     thread = threading.Thread(target=page.run, args=[stop])
     thread.start()
     yield page

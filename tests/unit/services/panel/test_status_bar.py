@@ -1,7 +1,7 @@
-"""Status bar of the panel: force display, colours of the states, text of a trip."""
+"""Status bar of the panel: state, cause, force, services, colours, and the reply to a stop."""
 
+from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -18,46 +18,52 @@ from forcemesh.messages import (
     ArbiterState,
     ArbiterStatus,
     ContactEvent,
+    Health,
     RegulatorTarget,
     RobotState,
     WrenchAtTcp,
 )
 from services.panel.server import page
-from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
-from services.panel.status_bar import force_display, strip
+from services.panel.state_colours import NO_STATE, STATE_COLOURS
+from services.panel.status_bar import UNANSWERED, force_display, held_as, stop_text, strip
+from services.panel.tabs.faults import now_text
+from services.panel.viewer import RequestOutcome
 from services.panel.watch import Snapshot
+from tests.fakes.bench import CELL
 from tools.tree import ROOT
 
-CELL = load_cell(Path(ROOT) / "cells" / "demo.yaml")
-EVERY_COLOUR: dict[str, StateColour] = {"no state": NO_STATE, **dict(STATE_COLOURS.items())}
+
+def fresh(message, fault="", *, silent=False, age_s=0.004):
+    """Return a reading."""
+    return Reading(message, None, age_s, fault, silent=silent)
+
+
+def reached(**readings):
+    """Return a snapshot of a cell with a hub."""
+    return Snapshot(hub_fault="", **readings)
+
+
+# --- colours --------------------------------------------------------------------------------------
+
+EVERY_COLOUR = {"no state": NO_STATE, **STATE_COLOURS}
 # Linear RGB for colour vision without one kind of cones: Machado et al., IEEE TVCG 15(6), 2009.
+# fmt: off
 VISION = {
     "all cones": np.eye(3),
-    "protanopia": np.array(
-        [
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ]
-    ),
-    "deuteranopia": np.array(
-        [
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ]
-    ),
-    "tritanopia": np.array(
-        [
-            [1.255528, -0.076749, -0.178779],
-            [-0.078411, 0.930809, 0.147602],
-            [0.004733, 0.691367, 0.303900],
-        ]
-    ),
+    "protanopia": np.array([[0.152286, 1.052583, -0.204868],
+                            [0.114503, 0.786281, 0.099216],
+                            [-0.003882, -0.048116, 1.051998]]),
+    "deuteranopia": np.array([[0.367322, 0.860646, -0.227968],
+                              [0.280085, 0.672501, 0.047413],
+                              [-0.011820, 0.042940, 0.968881]]),
+    "tritanopia": np.array([[1.255528, -0.076749, -0.178779],
+                            [-0.078411, 0.930809, 0.147602],
+                            [0.004733, 0.691367, 0.303900]]),
 }
-RGB_TO_XYZ = np.array(
-    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-)
+RGB_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805],
+                       [0.2126, 0.7152, 0.0722],
+                       [0.0193, 0.1192, 0.9505]])
+# fmt: on
 WHITE_XYZ = np.array([0.9505, 1.0, 1.089])
 MIN_DISTANCE = 15.0  # CIE 1976; about 2 is just noticeable
 MIN_CONTRAST = 4.5  # WCAG 2.1, level AA
@@ -77,16 +83,10 @@ def lab(rgb):
 
 @pytest.mark.parametrize("vision", VISION)
 def test_every_two_states_have_colours_that_differ_also_for_the_colour_blind(vision):
-    """This matters most for ARMED and ACTIVE; the state's name is shown as well."""
+    """This matters most for ARMED and ACTIVE; the state's name is shown as well, and legible."""
+    seen = {name: lab(VISION[vision] @ linear(each[0])) for name, each in EVERY_COLOUR.items()}
     for one, other in combinations(EVERY_COLOUR, 2):
-        colours = [
-            lab(VISION[vision] @ linear(EVERY_COLOUR[name].background)) for name in (one, other)
-        ]
-        assert np.linalg.norm(colours[0] - colours[1]) > MIN_DISTANCE, (one, other)
-
-
-def test_the_name_of_each_state_is_legible_on_its_colour():
-    """The contrast is computed by WCAG."""
+        assert np.linalg.norm(seen[one] - seen[other]) > MIN_DISTANCE, (one, other)
     for name, colour in EVERY_COLOUR.items():
         low, high = sorted(RGB_TO_XYZ[1] @ linear(each) for each in colour)
         assert (high + 0.05) / (low + 0.05) > MIN_CONTRAST, name
@@ -97,24 +97,105 @@ def test_the_page_and_the_bar_take_their_colours_from_the_table():
     assert f"background: {NO_STATE.background}; color: {NO_STATE.text};" in page("a title")
     assert list(STATE_COLOURS) == list(get_args(ArbiterState))
     for state in get_args(ArbiterState):
-        received = Snapshot(hub_fault="", arbiter=fresh(ArbiterStatus(state=state)))
+        received = reached(arbiter=fresh(ArbiterStatus(state=state)))
         assert strip(CELL, received, "view")["colour"] == STATE_COLOURS[state]._asdict()
     assert strip(CELL, Snapshot(), "view")["colour"] == NO_STATE._asdict()
 
 
-# --- force display --------------------------------------------------------------------------------
+# --- state, cause, commander, contact -------------------------------------------------------------
+
+TRIPS = (
+    tripped("force", "force 31.2 N is above the ceiling", value=31.2, limit=30.0, unit="N"),
+    tripped("hold", "the operator asked"),
+)
+BOTH = "force 31.2 N is above the ceiling (31.2 N, limit 30 N); the operator asked"
 
 
-def fresh(message, fault="", *, silent=False, age_s=0.004):
-    """Return a reading."""
-    return Reading(message, None, age_s, fault, silent=silent)
+@pytest.mark.parametrize(
+    ("status", "shown"),
+    [
+        (None, {"state": "no arbiter status", "why": "missing", "who": "", "held": ""}),
+        ({"state": "IDLE"}, {"state": "IDLE", "why": "", "who": "commander: none", "held": "IDLE"}),
+        ({"not_ready": ("a", "b")}, {"why": "not ready: a; b", "remedy": ""}),
+        (
+            {"state": "HOLDING", "trips": TRIPS, "clears": "clear, then arm"},
+            {"state": "HOLDING", "why": BOTH, "remedy": "clear, then arm", "held": "HOLDING"},
+        ),
+        (
+            {"state": "ACTIVE", "commander": "regulator", "armed_for": "jog"},
+            {"state": "ACTIVE for jog", "who": "commander: regulator", "held": ""},
+        ),
+        (
+            {"commander": "regulator", "next_commander": "operator"},
+            {"who": "commander: regulator, next: operator"},
+        ),
+    ],
+)
+def test_the_bar_shows_state_cause_remedy_and_commander(status, shown):
+    """Every trip with its value and limit, on the page itself; nothing while nothing is known."""
+    message = None if status is None else ArbiterStatus(**status)
+    bar = strip(CELL, reached(arbiter=fresh(message, "" if message else "missing")), "operate")
+    assert shown.items() <= bar.items()
+    assert strip(CELL, Snapshot(), "operate")["state"] == "cell not reached"
 
 
-def turned(angle_rad):
-    """Return the state of a robot turned about x, and its rotation."""
-    half = angle_rad / 2
-    q = (float(np.sin(half)), 0.0, 0.0, float(np.cos(half)))
-    return fresh(RobotState(orientation_xyzw=q)), rotation_from_vector(np.array([angle_rad, 0, 0]))
+@pytest.mark.parametrize(
+    ("event", "fault", "text"),
+    [
+        (None, "missing", ""),
+        (ContactEvent(valid=False), "wrench stale", ""),
+        (ContactEvent(state="free", duration_s=12.34), "", "contact: free 12.3 s"),
+        (
+            ContactEvent(state="sliding", duration_s=2.31, peak_N=12.38),
+            "",
+            "contact: sliding 2.3 s, peak 12.4 N",
+        ),
+    ],
+)
+def test_the_bar_shows_the_contact_with_its_peak_force(event, fault, text):
+    """Nothing is shown while it is unknown, and no peak without contact."""
+    assert strip(CELL, reached(contact=fresh(event, fault)), "view")["contact"] == text
+
+
+@pytest.mark.parametrize("monitor", [False, True])
+def test_the_bar_shows_whether_the_arm_is_real_and_may_be_stopped(monitor):
+    """An operator always may stop it; a view-only page where a certificate that only reads may."""
+    bus = CELL.bus.model_copy(update={"monitor_may_hold": monitor})
+    cell = CELL.model_copy(update={"bus": bus})
+    assert strip(cell, Snapshot(), "operate")["may_stop"] is True
+    assert strip(cell, Snapshot(), "view")["may_stop"] is monitor
+    real = load_cell(ROOT / "cells" / "rs007l-real.yaml")
+    assert [strip(each, Snapshot(), "view")["mode"] for each in (cell, real)] == [
+        "SIMULATION",
+        "REAL",
+    ]
+
+
+# --- services -------------------------------------------------------------------------------------
+
+
+def test_the_bar_shows_each_service_with_its_rate_age_and_fault():
+    """A cell without a recorder lacks nothing; one that has stopped is missing, also as a fault."""
+    health = {
+        "hub": fresh(Health(rate_hz=250.0)),
+        "sensor": fresh(Health(rate_hz=500.0, fault="the cable is out")),
+        "arbiter": fresh(None, "arbiter/health stale"),
+        "recorder": fresh(None, "recorder/health missing", silent=True, age_s=9.0),
+    }
+    received = reached(arbiter=fresh(ArbiterStatus()), health=health)
+    rows = {row["name"]: row for row in strip(CELL, received, "view")["services"]}
+    assert rows["hub"] == {"name": "hub", "text": "250 Hz · 4 ms", "fault": ""}
+    assert rows["sensor"]["fault"] == "the cable is out"
+    assert rows["arbiter"]["fault"] == "arbiter/health stale"
+    assert rows["regulator"]["fault"]
+    assert "recorder" not in rows
+    assert "recorder" not in now_text(received)
+    health["recorder"] = fresh(Health(rate_hz=4.0), "recorder/health stale")
+    assert strip(CELL, received, "view")["services"][-1]["fault"] == "recorder/health stale"
+    assert "⚠ recorder: recorder/health stale" in now_text(received)
+
+
+# --- force ----------------------------------------------------------------------------------------
 
 
 @given(st.floats(-20.0, 40.0), st.floats(-10.0, 10.0), st.floats(0.0, 3.0))
@@ -122,11 +203,11 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
     press_N, side_N, angle_rad
 ):
     """In any attitude a side force does not count; without a press it is the norm of the force."""
-    robot, R = turned(angle_rad)
+    R = rotation_from_vector(np.array([angle_rad, 0.0, 0.0]))
+    q = (float(np.sin(angle_rad / 2)), 0.0, 0.0, float(np.cos(angle_rad / 2)))
     force_N = vec3(-press_N * R[:, 2] + side_N * R[:, 0])
-    received = Snapshot(
-        hub_fault="",
-        robot=robot,
+    received = reached(
+        robot=fresh(RobotState(orientation_xyzw=q)),
         wrench=fresh(WrenchAtTcp(force_N=force_N, calibrated=True)),
         target=fresh(RegulatorTarget(mode="position", law="plain", setpoint_N=25.0)),
     )
@@ -139,9 +220,7 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
         RegulatorTarget(mode="orientation"),
         RegulatorTarget(mode="position", law="admittance"),
     ):
-        other = force_display(
-            CELL, Snapshot(hub_fault="", robot=robot, wrench=received.wrench, target=fresh(target))
-        )
+        other = force_display(CELL, replace(received, target=fresh(target)))
         assert (other["caption"], other["setpoint"]) == ("force |F|", "")
         assert float(other["value"]) == pytest.approx(np.hypot(press_N, side_N), abs=0.051)
 
@@ -161,78 +240,46 @@ def test_without_a_fresh_wrench_the_display_has_no_number(wrench, hub_fault, los
     assert (shown["value"], shown["lost"]) == ("", lost)
 
 
-def test_a_force_without_calibration_is_marked():
-    """The number includes the weight of the tool."""
-    received = Snapshot(hub_fault="", wrench=fresh(WrenchAtTcp(calibrated=False)))
-    assert force_display(CELL, received)["caption"] == "force |F|, not calibrated"
+SLOW = {"gain_share": 0.543, "round_trip_s": 0.0618, "modelled_round_trip_s": 0.0337}
 
 
 @pytest.mark.parametrize(
-    ("target", "note"),
+    ("calibrated", "target", "note"),
     [
-        (RegulatorTarget(mode="position"), ""),
-        (RegulatorTarget(gain_share=0.5), ", gains at 50 %"),
-        (
-            RegulatorTarget(gain_share=0.543, round_trip_s=0.0618, modelled_round_trip_s=0.0337),
-            ", gains at 54 %: loop delay 62 ms, model 34 ms",
-        ),
+        (False, {}, ", not calibrated"),
+        (True, {"mode": "position"}, ""),
+        (True, {"gain_share": 0.5}, ", gains at 50 %"),
+        (True, SLOW, ", gains at 54 %: loop delay 62 ms, model 34 ms"),
     ],
 )
-def test_lowered_gains_are_shown_with_the_delay_of_the_loop(target, note):
-    """At full gains nothing is added."""
-    wrench = fresh(WrenchAtTcp(calibrated=True))
-    shown = force_display(CELL, Snapshot(hub_fault="", wrench=wrench, target=fresh(target)))
+def test_a_missing_calibration_and_lowered_gains_are_shown(calibrated, target, note):
+    """The number includes the weight of the tool; the gains follow the delay of the loop."""
+    wrench = fresh(WrenchAtTcp(calibrated=calibrated))
+    shown = force_display(CELL, reached(wrench=wrench, target=fresh(RegulatorTarget(**target))))
     assert shown["caption"] == f"force |F|{note}"
 
 
-# --- trips ----------------------------------------------------------------------------------------
+# --- Stop motion ----------------------------------------------------------------------------------
 
-
-def test_the_bar_shows_every_trip_with_its_limit_and_separately_its_remedy():
-    """The reason is on the page itself, not only in a tooltip."""
-    trips = (
-        tripped("force", "force 31.2 N is above the ceiling", value=31.2, limit=30.0, unit="N"),
-        tripped("hold", "the operator asked"),
-    )
-    status = ArbiterStatus(state="HOLDING", trips=trips, clears="clear, then arm")
-    shown_bar = strip(CELL, Snapshot(hub_fault="", arbiter=fresh(status)), "operate")
-    first = "force 31.2 N is above the ceiling (31.2 N, limit 30 N)"
-    assert shown_bar["why"] == f"{first}; the operator asked"
-    assert shown_bar["remedy"] == "clear, then arm"
+NO_ANSWER = f"{UNANSWERED} from the cell (text). Use the emergency stop"
 
 
 @pytest.mark.parametrize(
-    ("status", "who"),
+    ("word", "state", "prefix"),
     [
-        (None, ""),
-        (ArbiterStatus(), "commander: none"),
-        (ArbiterStatus(commander="program"), "commander: program"),
-        (
-            ArbiterStatus(commander="regulator", next_commander="operator"),
-            "commander: regulator, next: operator",
-        ),
+        ("done", "ACTIVE", "text"),
+        ("refused", "HOLDING", "refused: text"),
+        ("no answer", "HOLDING", "the arm is held (state HOLDING); the reply was lost"),
+        ("no answer", "FAULT", "the arm is held (state FAULT); the reply was lost"),
+        ("no answer", "STOPPING", NO_ANSWER),
+        ("no answer", "ACTIVE", NO_ANSWER),
+        ("no answer", None, NO_ANSWER),
     ],
 )
-def test_the_bar_names_the_commander_and_the_next_one(status, who):
-    """Nothing is shown while nothing is known."""
-    received = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
-    assert strip(CELL, received, "view")["who"] == who
-
-
-@pytest.mark.parametrize(
-    ("event", "fault", "text"),
-    [
-        (None, "missing", ""),
-        (ContactEvent(valid=False), "wrench stale", ""),
-        (ContactEvent(state="free", duration_s=12.34), "", "contact: free 12.3 s"),
-        (
-            ContactEvent(state="sliding", duration_s=2.31, peak_N=12.38),
-            "",
-            "contact: sliding 2.3 s, peak 12.4 N",
-        ),
-    ],
-)
-def test_the_bar_shows_the_contact_with_its_peak_force(event, fault, text):
-    """Nothing is shown while it is unknown, and no peak without contact."""
-    received = Snapshot(hub_fault="", contact=fresh(event, fault))
-    assert strip(CELL, received, "view")["contact"] == text
+def test_a_stop_is_unanswered_only_where_the_state_does_not_confirm_it(word, state, prefix):
+    """The state is checked before the message; an old or unknown state confirms nothing."""
+    status = None if state is None else ArbiterStatus(state=state)
+    shown = reached(arbiter=fresh(status, "" if status else "missing"))
+    assert stop_text(RequestOutcome(word, "text"), shown).startswith(prefix)
+    assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
+    assert held_as(reached(arbiter=fresh(status, "arbiter/status stale"))) == ""

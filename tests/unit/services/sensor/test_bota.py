@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from services.sensor.bota import WRAP_US, BotaDriver, bota_driver
 from services.sensor.driver import SensorSample
-from tests.fakes.rdt_sensor import REAL_CELL
+from tests.fakes.netft_rig import REAL_CELL
 
 STEP_US = 1000
 DUMMY = {
@@ -31,58 +32,38 @@ DUMMY = {
 }
 
 
-class FakeBotaSource:
-    """A stand-in for the manufacturer's driver; the test sets its frame and its fault."""
-
-    def __init__(self) -> None:
-        self.fault = ""
-        self.frame = self.at(0)
-
-    def at(self, stamp_us: int, *, force_N: float = 1.0, **status: int) -> SimpleNamespace:
-        """Return a reading."""
-        flags = {"invalid": 0, "overrange": 0, "throttled": 0, "raw": 0, "val": 0} | status
-        return SimpleNamespace(
-            timestamp=stamp_us % WRAP_US,
-            force=[force_N, 2.0, 3.0],
-            torque=[0.1, 0.2, 0.3],
-            status=SimpleNamespace(**flags),
-        )
-
-    def read_frame(self) -> SimpleNamespace:
-        """Return the newest reading, or fail."""
-        if self.fault:
-            raise RuntimeError(self.fault)
-        return self.frame
-
-    def get_expected_timestep_us(self) -> int:
-        """Return the period of 1000 readings a second."""
-        return STEP_US
-
-    def deactivate(self) -> bool:
-        """Stop."""
-        return True
-
-    shutdown = deactivate
-
-
+@cache
 def section(device: str = "a file") -> SensorSection:
     """Return the section of a cell file for this sensor."""
     return load_cell(REAL_CELL, {"sensor.driver": "bota", "sensor.device": device}).sensor
 
 
 class BotaBench:
-    """A driver, its source and a clock."""
+    """A driver on a clock, and its source: the test sets each reading, or the fault."""
 
     def __init__(self) -> None:
-        self.source = FakeBotaSource()
-        self.driver = BotaDriver(section(), self.source)
-        self.now_ns = 0
+        self.fault, self.now_ns = "", 0
+        source: Any = SimpleNamespace(
+            read_frame=self._frame, get_expected_timestep_us=lambda: STEP_US
+        )
+        self.driver = BotaDriver(section(), source)
 
-    def read(self, stamp_us: int, **reading: Any) -> list[SensorSample]:
+    def read(self, stamp_us: int, *, force_N: float = 1.0, **status: int) -> list[SensorSample]:
         """Supply one reading and return the samples of the driver."""
         self.now_ns += STEP_US * 1000
-        self.source.frame = self.source.at(stamp_us, **reading)
+        flags = {"invalid": 0, "overrange": 0, "val": 0} | status
+        self._reading = SimpleNamespace(
+            timestamp=stamp_us % WRAP_US,
+            force=[force_N, 2.0, 3.0],
+            torque=[0.1, 0.2, 0.3],
+            status=SimpleNamespace(**flags),
+        )
         return list(self.driver.read(self.now_ns))
+
+    def _frame(self) -> SimpleNamespace:
+        if self.fault:
+            raise RuntimeError(self.fault)
+        return self._reading
 
 
 @given(st.integers(0, WRAP_US - 1), st.lists(st.integers(1, 50), min_size=1, max_size=40))
@@ -117,17 +98,13 @@ def test_status_bits_and_range_set_the_status_of_a_sample(
     assert (sample.status, sample.code) == (status, code)
 
 
-def test_stamps_that_go_back_are_a_restart() -> None:
-    """The restart is reported for 249 samples; then the samples are valid again."""
+def test_restarts_and_many_losses_are_faults() -> None:
+    """A restart for 249 samples; a lossy line when every second reading is lost."""
     bench = BotaBench()
     bench.read(10_000_000)
     codes = [bench.read(100 + place * STEP_US)[0].code for place in range(300)]
     assert codes[:249] == ["sensor_restarted"] * 249
     assert codes[-1] == ""
-
-
-def test_many_lost_readings_are_a_fault() -> None:
-    """Every second reading is lost because the package keeps only the newest."""
     bench = BotaBench()
     codes = [bench.read(2 * place * STEP_US)[0].code for place in range(1, 80)]
     assert (codes[0], codes[-1]) == ("", "sensor_lossy")
@@ -140,13 +117,15 @@ def test_silence_stall_and_a_broken_line_have_different_reports() -> None:
     bench.read(STEP_US)
     bench.read(STEP_US)
     assert bench.driver.silence_fault().code == "sensor_stalled"
-    bench.source.fault = "no carrier"
+    bench.fault = "no carrier"
     assert bench.read(STEP_US) == []
     assert bench.driver.silence_fault() == ("sensor_silent", "Bota sensor of a file: no carrier")
 
 
-def test_a_missing_bota_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error names the command that installs the package."""
+def test_a_missing_package_or_configuration_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the field of the cell file, or the command that installs the package."""
+    with pytest.raises(ConfigError, match=r"sensor\.device: .*no-such-file"):
+        bota_driver(section("no-such-file.json"), stale_after_s=0.02)
     monkeypatch.setitem(sys.modules, "bota_driver", None)
     with pytest.raises(ConfigError, match="pip install bota-driver"):
         bota_driver(section(), stale_after_s=0.02)
@@ -167,9 +146,3 @@ def test_the_makers_dummy_sensor_is_read(tmp_path: Path) -> None:
     counters = [sample.counter for sample in samples]
     assert counters == sorted(set(counters))
     assert "10 Hz" in driver.info().calibration
-
-
-def test_a_missing_configuration_file_is_reported() -> None:
-    """The error has the field of the cell file and the text of the manufacturer's driver."""
-    with pytest.raises(ConfigError, match=r"sensor\.device: .*no-such-file"):
-        bota_driver(section("no-such-file.json"), stale_after_s=0.02)

@@ -11,7 +11,7 @@ from forcemesh.errors import ConfigError
 from services.sensor.driver_registry import OURS, driver_of, installed_drivers, unknown_driver
 from services.sensor.service import SensorDriver
 from tests.fakes.bench import Bench
-from tests.fakes.rdt_sensor import REAL_CELL
+from tests.fakes.netft_rig import REAL_CELL
 
 TINY = """
 from services.sensor.driver import Info, SensorFault, SensorSample
@@ -88,18 +88,13 @@ def test_each_row_of_ours_names_a_function_and_cannot_be_taken(name: str) -> Non
 
 
 @pytest.mark.usefixtures("package")
-def test_a_driver_that_is_not_installed_is_refused_with_those_that_are() -> None:
-    """Both by the check of a cell file and at the start of the service."""
+def test_a_driver_that_is_not_installed_or_cannot_be_loaded_is_refused() -> None:
+    """With those that are, by the check of a cell file and at the start; or with the reason."""
     cell = cell_of("tinny")
     mistake = unknown_driver(cell)
     assert "'tinny' is not installed here, installed: absent, bota, rdt, robotiq, tiny" in mistake
     with pytest.raises(ConfigError, match="'tinny' is not installed here"):
         driver_of(cell, stale_after_s=0.02)
     assert unknown_driver(cell_of("tinny", role="external")) == ""
-
-
-@pytest.mark.usefixtures("package")
-def test_a_driver_that_cannot_be_loaded_is_reported() -> None:
-    """The text names it and the reason."""
     with pytest.raises(ConfigError, match="absent cannot be loaded: No module named"):
         driver_of(cell_of("absent"), stale_after_s=0.02)

@@ -6,7 +6,6 @@ import random
 import struct
 import sys
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -28,7 +27,7 @@ from services.sensor.robotiq import (
     robotiq_driver,
     start,
 )
-from tests.fakes.rdt_sensor import REAL_CELL
+from tests.fakes.netft_rig import REAL_CELL
 
 STALE_S = 0.03
 PERIOD_NS = 10_000_000
@@ -53,18 +52,9 @@ def test_the_request_is_the_one_of_the_manual() -> None:
     assert start() == bytes.fromhex("09 10 01 9A 00 01 02 02 00 CD CA")
 
 
-@given(readings)
-def test_a_frame_is_read_as_it_was_sent(reading: Any) -> None:
-    """Values are in hundredths of a newton and thousandths of a newton metre; the sign is kept."""
-    (read,) = Framer().feed(frame(*reading))
-    assert read.force_N == pytest.approx(reading[0])
-    assert read.torque_Nm == pytest.approx(reading[1])
-    assert read.skipped == 0
-
-
 @given(st.lists(readings, min_size=1, max_size=8), st.integers(0, 2**32))
 def test_frames_are_found_however_the_bytes_are_cut(sent: list[Any], seed: int) -> None:
-    """The line delivers pieces of any size."""
+    """Pieces of any size; hundredths of a newton and thousandths of a newton metre, signed."""
     rng, data, framer = random.Random(seed), b"".join(frame(*each) for each in sent), Framer()
     found = []
     while data:
@@ -72,6 +62,7 @@ def test_frames_are_found_however_the_bytes_are_cut(sent: list[Any], seed: int) 
         found += framer.feed(data[:size])
         data = data[size:]
     assert [read.force_N for read in found] == [pytest.approx(each[0]) for each in sent]
+    assert [read.torque_Nm for read in found] == [pytest.approx(each[1]) for each in sent]
     assert sum(read.skipped for read in found) == 0
 
 
@@ -148,7 +139,7 @@ GOOD = frame((1.0, -2.0, 30.0), (0.1, -0.2, 0.3))
 
 
 def test_the_stream_is_requested_and_its_frames_are_samples() -> None:
-    """One request while frames arrive; each frame is a sample in SI with its own number."""
+    """One request while frames arrive; a sample in SI each, saturated by the cell file's range."""
     bench = RobotiqBench()
     assert bench.line.written == start()
     samples = [sample for _ in range(150) for sample in bench.read(GOOD)]
@@ -156,6 +147,8 @@ def test_the_stream_is_requested_and_its_frames_are_samples() -> None:
     assert [sample.counter for sample in samples] == list(range(1, 151))
     assert {sample.status for sample in samples} == {"ok"}
     assert samples[0].force_N == pytest.approx((1.0, -2.0, 30.0))
+    (saturated,) = bench.read(frame((190.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert (saturated.status, saturated.code) == ("saturated", "sensor_saturated")
     bench.driver.close()
     assert bench.line.written.endswith(b"\xff" * 50)
 
@@ -170,12 +163,6 @@ def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
     assert codes[0] == ""
     assert codes[-1] == "sensor_lossy"
     assert bench.driver.counters()["lost"] == 61
-
-
-def test_saturation_is_that_of_the_smaller_range() -> None:
-    """The 200 N of the cell file take precedence over the sensor's own 300 N."""
-    (sample,) = RobotiqBench().read(frame((190.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert (sample.status, sample.code) == ("saturated", "sensor_saturated")
 
 
 def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:
@@ -203,30 +190,14 @@ def test_readings_that_waited_too_long_are_dropped() -> None:
     assert len(bench.read(GOOD)) == 1
 
 
-def test_a_missing_pyserial_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error names the command that installs the package."""
-    monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(ConfigError, match="pip install pyserial"):
-        robotiq_driver(section(), stale_after_s=STALE_S)
-
-
 # --- the driver, on a real line -------------------------------------------------------------------
 
 
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    """Yield the sensor's end of a pseudo-terminal and the name of the driver's end."""
-    sensor_fd, driver_fd = pty.openpty()
-    yield sensor_fd, os.ttyname(driver_fd)
-    os.close(sensor_fd)
-    os.close(driver_fd)
-
-
 @pytest.mark.realtime
-def test_pyserial_carries_request_and_stream(terminal: tuple[int, str]) -> None:
+def test_pyserial_carries_request_and_stream() -> None:
     """The line changes no byte, also not 0x0D, 0x11 and 0xFF."""
-    sensor_end, name = terminal
-    driver = robotiq_driver(section(device=name), stale_after_s=10.0)
+    sensor_end, driver_end = pty.openpty()
+    driver = robotiq_driver(section(device=os.ttyname(driver_end)), stale_after_s=10.0)
     driver.read(time.monotonic_ns())
     assert os.read(sensor_end, 100) == start()
     sent = frame((0.13, -0.01, 2.56), (0.017, -0.001, 3.34))
@@ -238,12 +209,17 @@ def test_pyserial_carries_request_and_stream(terminal: tuple[int, str]) -> None:
     assert [sample.force_N for sample in samples] == [pytest.approx((0.13, -0.01, 2.56))] * 3
     driver.close()
     assert os.read(sensor_end, 100) == b"\xff" * 50
+    os.close(sensor_end)
+    os.close(driver_end)
 
 
-def test_a_missing_line_is_reported_and_opened_again() -> None:
-    """The cable may be plugged in later."""
+def test_a_missing_line_or_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cable may be plugged in later; the package has the command that installs it."""
     driver = robotiq_driver(section(device="/dev/no-such-line"), stale_after_s=STALE_S)
     driver.read(NS_PER_S)
     assert "No such file" in driver.silence_fault().text
     driver.read(3 * NS_PER_S)
     assert driver.counters()["requests"] == 2
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(ConfigError, match="pip install pyserial"):
+        robotiq_driver(section(), stale_after_s=STALE_S)

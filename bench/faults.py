@@ -1,8 +1,8 @@
 """One fault in every service and link of a moving cell, on the virtual clock.
 
 The services are those of the real processes, at 125 Hz with the deadlines of a lab PC: the result
-is that of the design, to the millisecond, independent of the machine. `python -m tests.chaos` does the same to
-real processes.
+is that of the design, to the millisecond, independent of the machine. `python -m tests.chaos` does
+the same to real processes.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -133,14 +133,14 @@ class Operator(CellUnderTest):
         now_ns = self.clock.now_ns()
         return {k for k, r in self.readers.items() if r.read(now_ns).message is not None}
 
-    def joints(self) -> tuple[float, ...]:
+    def fresh_joints(self) -> tuple[float, ...]:
         """Return the joint angles of the last robot state [rad], empty if it is not fresh."""
         return () if self.robot is None else self.robot.joint_rad
 
     def at_home(self) -> None:
         """Store the present pose as the home pose."""
-        self.until(self.joints, "robot/state")
-        self._home = self.joints()
+        self.until(self.fresh_joints, "robot/state")
+        self._home = self.fresh_joints()
 
     def press_until_steady(self) -> None:
         """From rest in free space, press on the plate."""
@@ -200,8 +200,8 @@ class Operator(CellUnderTest):
 
     def rests(self, seconds: float) -> None:
         """Observe the arm for a duration: it must not move, nor have permission to."""
-        self.until(self.joints, "robot/state again")
-        before = self.joints()
+        self.until(self.fresh_joints, "robot/state again")
+        before = self.fresh_joints()
         give_up_s = time.monotonic() + seconds
         while time.monotonic() < give_up_s:
             if self.state in MAY_MOVE:
@@ -224,7 +224,7 @@ class Operator(CellUnderTest):
         return all(health is not None and not health.fault for health in healths)
 
     def _distance_rad(self, joints: tuple[float, ...]) -> float:
-        now = self.joints()
+        now = self.fresh_joints()
         return math.dist(now, joints) if now and joints else 0.0
 
     def _try(self, request: Request[Q], message: Q) -> None:

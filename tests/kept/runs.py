@@ -179,21 +179,21 @@ def emergency(rig: KeptRig, **how: Any) -> None:
     rig.hold()
 
 
-def _modes(short: str, file: str, **how: Any) -> dict[str, Run]:
+def _modes(file: str, **how: Any) -> dict[str, Run]:
     name = "-".join([*how.values(), "tcp" if file == TCP else "sim"])
     return {
-        f"{name}-{mode}": Run(partial(press_then, mode=mode, **how), file, TILTED, mode == short)
+        f"{name}-{mode}": Run(partial(press_then, mode=mode, **how), file, TILTED)
         for mode in SECOND_SETPOINT_N
     }
 
 
 RUNS: dict[str, Run] = {
-    **_modes("both", SIM, law="plain"),
-    **_modes("position", SIM, law="adaptive"),
-    **_modes("", TCP, law="plain", host="pc"),
-    **_modes("", TCP, law="adaptive", host="pc"),
-    **_modes("both", TCP, law="plain", host="controller"),
-    **_modes("", TCP, law="adaptive", host="controller"),
+    **_modes(SIM, law="plain"),
+    **_modes(SIM, law="adaptive"),
+    **_modes(TCP, law="plain", host="pc"),
+    **_modes(TCP, law="adaptive", host="pc"),
+    **_modes(TCP, law="plain", host="controller"),
+    **_modes(TCP, law="adaptive", host="controller"),
     "guided": Run(guided),
     "path": Run(follow_path, changes=TILTED),
     "moves-sim": Run(moved, changes={"sim.gap_m": 0.05}),

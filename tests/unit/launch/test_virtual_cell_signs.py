@@ -172,7 +172,7 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
     Sensor mounted at 30 degrees about the tool's axis, as in the supplied cells.
     """
     assert CELL.sensor.T_flange_sensor.oat_deg == (30.0, 0.0, 0.0)
-    wirings = SIGNED[8 * order : 8 * order + 8]
+    wirings = list(SIGNED[8 * order : 8 * order + 8])
     aligned = sum(wiring[2, 2] == 1.0 for wiring in wirings)
     assert aligned in (0, 4)
     assert judge_presses(cell_with(), wirings) == 8 - aligned

@@ -50,6 +50,11 @@ class Witness:
         """Return the number of wake-ups with a larger lateness."""
         return int((self.rows()[:, 1] > longer_than_s * NS_PER_S).sum())
 
+    def stalled_s(self) -> float:
+        """Return the total of all stalls, on the processor that stood longest [s]."""
+        late = [_rows(path)[:, 1] for path in self._paths]
+        return max(float(each[each > STALL_S * NS_PER_S].sum()) / NS_PER_S for each in late)
+
     def percentile_s(self, percent: float) -> float:
         """Return a percentile of the lateness [s]."""
         return float(np.percentile(self.rows()[:, 1], percent)) / NS_PER_S

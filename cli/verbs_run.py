@@ -127,9 +127,11 @@ def _supervise(
 def force(
     context: Context,
     *,
-    quick: Annotated[bool, Option("--quick", help="A few cases: about a minute.")] = False,
+    quick: Annotated[bool, Option("--quick", help="A few cases.")] = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
-    write: Annotated[bool, Option("--write", help="Store docs/results/force.json and write docs/force.md.")] = False,
+    write: Annotated[
+        bool, Option("--write", help="Store the result, write docs/force.md.")
+    ] = False,
 ) -> None:
     """Benchmark how the laws release, hold, approach and track a force, against other laws.
 

@@ -43,6 +43,9 @@ def main() -> int:
     given = _arguments()
     if given.render or given.check:
         return _render(writes=given.render)
+    if given.name is None:
+        print("\n".join(BENCHES))
+        return 0
     measure: Measure = import_module(BENCHES[given.name]).measure
     with ProcessPoolExecutor(given.workers) as pool:
         tables = measure(Options(pool, given.quick, given.minutes, given.file))
@@ -57,7 +60,8 @@ def main() -> int:
         import_module("bench.pictures").draw(result)  # matplotlib takes a second
         _render(writes=True)
     missed = list(unmet(tables))
-    print("\n".join(missed), file=sys.stderr)
+    for line in missed:
+        print(line, file=sys.stderr)
     return 1 if missed else 0
 
 
@@ -66,15 +70,13 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("name", nargs="?", choices=BENCHES, help="the bench")
     parser.add_argument("--write", action="store_true", help="store the result, write its pages")
     parser.add_argument("--quick", action="store_true", help="a few cases; nothing is stored")
-    parser.add_argument("--minutes", type=float, help="duration of recorder, sensor-soak, chain")
+    parser.add_argument("--minutes", type=float, help="duration of recorder, sensor-soak, demos")
     parser.add_argument("--file", type=Path, help="payload: recording to leave poses out of")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--render", action="store_true", help="write pages from stored results")
     parser.add_argument("--check", action="store_true", help="name the pages that differ")
     given = parser.parse_args()
-    if not (given.name or given.render or given.check):
-        parser.error(f"name a bench: {', '.join(BENCHES)}")
     if given.quick and given.write:
         parser.error("--write is of every case, without --quick")
     return given

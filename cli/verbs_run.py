@@ -127,7 +127,7 @@ def _supervise(
 def force(
     context: Context,
     *,
-    quick: Annotated[bool, Option("--quick", help="A few cases: about a minute.")] = False,
+    quick: Annotated[bool, Option("--quick", help="A few cases.")] = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
     write: Annotated[
         bool, Option("--write", help="Store docs/results/force.json and write docs/force.md.")

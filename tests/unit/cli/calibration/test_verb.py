@@ -114,6 +114,16 @@ def test_a_failed_verification_writes_nothing(lab, tmp_path):
     assert load_cell(tmp_path / "cell.yaml").calibration is None
 
 
+def test_a_wrongly_installed_sensor_is_not_calibrated_by_the_wizard(lab, tmp_path):
+    """Fy shows -y: exit code 1 with the finding, before any fit."""
+    sensor = lab.world.arm.ft_sensor
+    sensor.wiring[:3, :3] = sensor.wiring[3:, 3:] = SIGNED[2]
+    result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
+    assert result.exit_code == 1
+    assert "no calibration is made" in result.stderr
+    assert load_cell(tmp_path / "cell.yaml").calibration is None
+
+
 def test_out_must_not_name_the_file_that_the_cell_loads(tmp_path):
     """--out without --use must not name the file that the cell loads at its next start."""
     named = tmp_path / "made" / "demo.yaml"

@@ -24,9 +24,9 @@ AXES = {"+x": (1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0), "straight up": (0.0, 0.0, 
 class Person:
     """Person who follows the prompts and pushes the tip of the tool, some degrees off."""
 
-    def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0, lazy=False) -> None:
+    def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0) -> None:
         """Set the wiring of the sensor's channels."""
-        self.cell, self.size_N, self.lazy = cell, size_N, lazy
+        self.cell, self.size_N = cell, size_N
         self.notes: list[str] = []
         self.push = np.zeros(6)  # force and torque on the sensor, base axes
         self.began_ns = 0
@@ -39,7 +39,7 @@ class Person:
     def note(self, text: str) -> None:
         """Read a line; push when it requests a push."""
         self.notes.append(text)
-        if not re.match(r"(push|twist) the t", text) or self.lazy:
+        if not re.match(r"(push|twist) the t", text):
             return
         if self.prompts_to_ignore:
             self.prompts_to_ignore -= 1

@@ -159,6 +159,21 @@ def test_an_arm_that_moves_while_reading_is_read_again(clock, gatherer):
     assert dwell.position_m[0, 0] == pytest.approx(0.402)
 
 
+def test_stillness_allows_for_the_noise_of_the_sensor():
+    """A noisy sensor at rest is still; the same change without noise is not."""
+
+    def judged(noise_N: float, change_N: float) -> str:
+        rng, stillness = np.random.default_rng(1), StillnessDetector()
+        for k in range(400):
+            reading = noise_N * rng.normal(size=6) * [1, 1, 1, 0.05, 0.05, 0.05]
+            reading[0] += change_N * (k >= 300)
+            stillness.add(PoseSample(k * 2_000_000, np.zeros(3), np.eye(3), reading))
+        return stillness.pending_condition()
+
+    assert judged(3.0, 0.1) == ""
+    assert "steady force (it changed by 0.10 N)" in judged(0.001, 0.1)
+
+
 def test_a_rotating_sensor_is_not_still():
     """The position may be constant while the wrist rotates."""
     stillness = StillnessDetector()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.config_verbs import FOLDER, TEMPLATES
+from cli.config_verbs import TEMPLATES
 from cli.context import OK, USAGE
 from common.config.load import load_cell
 from tests.fakes import verb_calls
@@ -26,15 +26,6 @@ def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path)
     again = run("init", path)
     assert (again.exit_code, path.read_text()) == (USAGE, before)
     assert "exists already" in again.stderr
-
-
-@pytest.mark.parametrize("name", ["9.yaml", "an arm.yaml", "no-such-folder/arm.yaml"])
-def test_an_invalid_path_of_a_cell_file_is_refused(name: str, tmp_path: Path) -> None:
-    """No file is left."""
-    done = run("init", tmp_path / name)
-    assert done.exit_code == USAGE
-    assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_show_distinguishes_values_of_the_file_and_defaults() -> None:
@@ -64,13 +55,3 @@ def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
     assert done.exit_code == USAGE
     assert any("did you mean roles?" in line for line in json.loads(done.stdout)["mistakes"])
     assert json.loads(run("check", DEMO, "--json").stdout)["mistakes"] == []
-
-
-def test_check_lists_the_installed_drivers_for_an_unknown_one(tmp_path: Path) -> None:
-    """The model of the cell file takes any name: drivers of other packages are possible."""
-    path = tmp_path / "cell.yaml"
-    path.write_text((FOLDER / "rs007l-real.yaml").read_text().replace("driver: rdt", "driver: ftx"))
-    done = run("check", path, "--json")
-    assert done.exit_code == USAGE
-    (mistake,) = json.loads(done.stdout)["mistakes"]
-    assert "sensor.driver: 'ftx' is not installed here, installed: bota, rdt, robotiq" in mistake

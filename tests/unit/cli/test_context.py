@@ -13,7 +13,6 @@ from cli.context import (
     USAGE,
     one_line_errors,
 )
-from forcemesh.client.ask import request_in_bounds
 from forcemesh.errors import (
     BusError,
     ConfigError,
@@ -23,7 +22,6 @@ from forcemesh.errors import (
     NoHubError,
     RefusedError,
 )
-from forcemesh.requests import ForceStartRequest
 
 ROWS: tuple[tuple[Exception, int, str], ...] = (
     (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: wrong"),
@@ -47,16 +45,3 @@ def test_an_error_gives_its_message_and_exit_code(
         raise error
     assert caught.value.exit_code == code
     assert capsys.readouterr().err.startswith(output)
-
-
-@pytest.mark.parametrize("wrong", [float("inf"), float("nan"), -1.0])
-def test_a_number_that_a_request_does_not_accept_is_wrong_usage(
-    wrong: float, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line names the number; it is not an internal error."""
-    with pytest.raises(typer.Exit) as caught, one_line_errors():
-        request_in_bounds(ForceStartRequest(mode="position", setpoint_N=wrong))
-    assert caught.value.exit_code == USAGE
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("setpoint_N: must be ")
-    assert f"found {wrong:g}" in line

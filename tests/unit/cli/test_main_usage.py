@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from cli.context import NO_ANSWER, OK, USAGE
 from common.config.load import load_cell
 from forcemesh import topics
 from tests.fakes.verb_calls import run
@@ -23,6 +22,7 @@ READ_VERBS = [
     ["watch", "wrench", "--count", "1"],
     ["config", "show"],
     ["hold"],
+    ["payload", "fit", "--help"],
     ["--help"],
 ]
 
@@ -59,49 +59,6 @@ def test_help_explains_the_exit_codes() -> None:
     text = " ".join(run("--help").output.split())
     for code, meaning in ((0, "success"), (2, "wrong usage"), (3, "refused"), (4, "no reply")):
         assert f"{code} {meaning}" in text
-
-
-@pytest.mark.parametrize("words", [["arm"], ["watch", "wrench"]], ids=lambda words: words[0])
-def test_without_a_hub_a_verb_prints_one_line(words: list[str], cell_file: Path) -> None:
-    """The line names the endpoint and the next step."""
-    done = run(*words)
-    assert done.exit_code == NO_ANSWER
-    assert done.stderr.count("\n") == 1
-    assert load_cell(cell_file).bus.endpoint in done.stderr
-    assert "forcemesh up" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "hint"),
-    [
-        (["watch", "robot/stat"], "did you mean robot/state?"),
-        (["status", "--service", "robots"], "hub, robot, sensor"),
-        (["move", "by", "1,2"], "6 numbers are needed"),
-        (["move", "to", "-1,2,3,0,0,x"], "T is not a number"),
-        (["move", "by", "-1,0,0,0,0,0", "--sped", "5"], "--sped"),
-        (["move", "by", "-1,0,0,0,0,0", "--speed", "-5"], "--speed"),
-        (["force", "gains", "--force-p", "-1"], "zero or positive"),
-        (["force", "start", "--mode", "sideways"], "sideways"),
-        (["speed", "--accel", "120"], "100"),
-        (["config", "check", "nowhere.yaml"], "no such file"),
-        (["status", "--cell", "nowhere.yaml"], "no such file"),
-    ],
-)
-def test_wrong_usage_is_reported_before_any_request(words: list[str], hint: str) -> None:
-    """Each case has the same exit code, and the message gives the correct form."""
-    done = run(*words)
-    assert done.exit_code == USAGE
-    assert hint in done.stderr
-
-
-def test_config_check_lists_every_mistake(cell_file: Path) -> None:
-    """The check accepts a cell file or reports all mistakes at once."""
-    assert run("config", "check", str(cell_file)).exit_code == OK
-    cell_file.write_text(cell_file.read_text() + "rolls: {}\nlimit: {}\n")
-    done = run("config", "check", str(cell_file))
-    assert done.exit_code == USAGE
-    assert "did you mean roles?" in done.stderr
-    assert "did you mean limits?" in done.stderr
 
 
 def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> None:

@@ -17,7 +17,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from forcemesh.errors import LostError, MessageError
+from forcemesh.errors import LostError
 from forcemesh.messages import ArbiterStatus, Message, RobotState, Trip, WrenchAtTcp
 from forcemesh.topics import Topic
 from tests.fakes.bench import DEMO
@@ -126,31 +126,3 @@ def test_messages_that_do_not_arrive_are_counted(tmp_path: Path) -> None:
         cell.client, WRENCH, tmp_path / "a.csv", seconds=None, count=2, silence_s=1.0
     )
     assert written == (2, 1)
-
-
-def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:
-    """An earlier measurement is never overwritten."""
-    path = tmp_path / "kept.csv"
-    path.write_text("yesterday")
-    with pytest.raises(FileExistsError):
-        written_by(topics.WRENCH, [WrenchAtTcp()], path, count=1)
-    assert path.read_text() == "yesterday"
-
-
-@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x81\xa5valid\xa3yes"])
-def test_bytes_that_are_no_message_end_the_writing_with_an_error(
-    tmp_path: Path, data: bytes
-) -> None:
-    """An invalid row is not written."""
-    cell = PublishingCell(topics.WRENCH, [])
-    source = SimpleNamespace(take=lambda: data)
-    cell.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=cell)
-    with pytest.raises(MessageError):
-        write_csv(
-            cell.client,
-            WRENCH,
-            tmp_path / "a.csv",
-            seconds=1.0,
-            count=None,
-            silence_s=1.0,
-        )

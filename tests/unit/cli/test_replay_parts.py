@@ -9,9 +9,6 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.replay_differences import compared
 from cli.replay_parts import (
-    MOST_DELAYED,
-    PLACES,
-    SETTLES_NS,
     Recorded,
     _silent_steps,
     _step,
@@ -42,6 +39,12 @@ def messages_of(path: Path) -> tuple[list[RecordedBytes], CellConfig]:
     return list(read.raw_messages()), read.cell
 
 
+@pytest.fixture(scope="module")
+def at_rest(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[RecordedBytes], CellConfig]:
+    """The messages of a recording in which nothing is requested, and its cell."""
+    return messages_of(recorded_later(tmp_path_factory.mktemp("rest"), (), ()))
+
+
 def differences(path: Path, role: str) -> int:
     """Return how many fields of a role differ in a replay."""
     messages, cell = messages_of(path)
@@ -49,27 +52,22 @@ def differences(path: Path, role: str) -> int:
     return compared(part, replayed(messages, [part], cell)[role], messages[0].at_ns).count
 
 
-def test_an_arbiter_continues_the_leases_of_before(tmp_path: Path) -> None:
-    """The recording begins in IDLE, after two leases."""
-    path = recorded_later(tmp_path, (*ARM, *HOLD, *ARM, *HOLD), (*ARM, *HOLD))
-    part = recorded_part(messages_of(path)[0], "arbiter")
-    assert part.state is not None
-    assert part.state.as_dict()["lease"] == 2
-    assert part.compared_ns == part.begin_ns + SETTLES_NS
-    assert differences(path, "arbiter") == 0
-
-
 def test_a_regulator_repeats_why_the_last_session_ended(tmp_path: Path) -> None:
-    """It is published until the next start."""
+    """It is published until the next start; the contact continues with its number."""
     path = recorded_later(tmp_path, (*ARM, *START, *HOLD, *ARM, *HOLD), (*ARM, *START, *STOP))
     part = recorded_part(messages_of(path)[0], "regulator")
     assert part.state is not None
     assert part.state.reason == "the arbiter is HOLDING"
+    assert part.contact is not None
+    assert part.contact.number >= 2
     assert differences(path, "regulator") == 0
 
 
 def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
-    """By the number in the health of the role; those in the recording are played."""
+    """By the number in the health of the role; those in the recording are played.
+
+    Without its health they are unknown; a recording of before they were published has a note.
+    """
     path = recorded_later(tmp_path, (*ARM, *HOLD), (*ARM, *HOLD))
     messages, _ = messages_of(path)
     (note,) = recorded_part(messages, "arbiter").notes
@@ -77,13 +75,11 @@ def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
     assert recorded_part(messages, "regulator").notes == []
     lost = [each for each in messages if each.topic != "arbiter/requests"]
     assert recorded_part(lost, "arbiter").notes[0].startswith("6 requests were served before")
-
-
-def test_a_recording_of_before_the_requests_were_published_is_noted() -> None:
-    """Its health has no number of requests."""
+    silent = [each for each in messages if each.topic != "regulator/health"]
+    (note,) = recorded_part(silent, "regulator").notes
+    assert note == "its health is not in the recording: requests served before are unknown"
     old = Path(__file__).resolve().parents[2] / "corpus" / "recording-version-2.mcap"
-    messages = list(RecordedFile(old).raw_messages())
-    (note,) = recorded_part(messages, "regulator").notes
+    (note,) = recorded_part(list(RecordedFile(old).raw_messages()), "regulator").notes
     assert note == "recorded without requests: what they changed appears as a difference"
 
 
@@ -96,23 +92,6 @@ def test_a_topic_that_did_not_exist_is_not_compared(tmp_path: Path) -> None:
     found = compared(part, replayed(old, [part], cell)["regulator"], 0)
     assert found.count == 0
     assert "contact" not in found.totals
-
-
-def test_a_regulator_continues_the_contact_of_before(tmp_path: Path) -> None:
-    """Its number is that of the last change before the beginning."""
-    path = recorded_later(tmp_path, (*ARM, *START, *STOP, *HOLD), (*ARM, *START, *STOP))
-    part = recorded_part(messages_of(path)[0], "regulator")
-    assert part.contact is not None
-    assert part.contact.number >= 2
-    assert differences(path, "regulator") == 0
-
-
-def test_without_its_health_the_requests_of_before_are_unknown(tmp_path: Path) -> None:
-    """A note says so."""
-    path = recorded_later(tmp_path, (), ())
-    messages = [each for each in messages_of(path)[0] if each.topic != "regulator/health"]
-    (note,) = recorded_part(messages, "regulator").notes
-    assert note == "its health is not in the recording: requests served before are unknown"
 
 
 @pytest.mark.parametrize(
@@ -151,17 +130,12 @@ def test_an_arm_that_is_armed_at_once_is_replayed_from_its_next_rest(tmp_path: P
     assert differences(path, "arbiter") == 0
 
 
-def test_a_recording_without_the_service_has_nothing_to_compare(tmp_path: Path) -> None:
-    """Neither its output nor anything else."""
-    messages, _ = messages_of(recorded_later(tmp_path, (), ()))
+def test_a_short_recording_or_one_without_the_service_has_nothing_to_compare(at_rest: Any) -> None:
+    """Shorter than a service needs to settle."""
+    messages, cell = at_rest
     others = [each for each in messages if each.topic != "regulator/target"]
     with pytest.raises(DataError, match="no regulator/target: regulator has nothing to compare"):
         recorded_part(others, "regulator")
-
-
-def test_a_short_recording_has_nothing_to_compare(tmp_path: Path) -> None:
-    """Shorter than a service needs to settle."""
-    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
     short = [each for each in messages if each.at_ns < messages[0].at_ns + NS_PER_S]
     part = recorded_part(short, "wrench")
     published = replayed(short, [part], cell)["wrench"]
@@ -207,9 +181,9 @@ def test_a_process_that_starts_within_a_recording_is_replayed_from_then(tmp_path
     assert part.own[0].header.seq == 1
 
 
-def test_a_message_that_cannot_be_decoded_is_a_difference(tmp_path: Path) -> None:
+def test_a_message_that_cannot_be_decoded_is_a_difference(at_rest: Any) -> None:
     """One of the output: the replay publishes it."""
-    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
+    messages, cell = list(at_rest[0]), at_rest[1]
     place = next(
         i for i, each in enumerate(messages) if each.topic == "arbiter/status" and i > 2900
     )
@@ -237,41 +211,7 @@ def message(topic: topics.Topic[Any], at_ms: float, sample: int) -> Recorded:
     return Recorded(topic.key, header.stamp_ns, b"", header, topic.message())
 
 
-def wrenches(*times_ms: float) -> list[Recorded]:
-    """Return wrenches with the sample numbers 0, 1, 2, ... at times."""
-    return [message(topics.WRENCH, at_ms, number) for number, at_ms in enumerate(times_ms)]
-
-
-@pytest.mark.parametrize(
-    ("at_ms", "sample", "read_ms"),
-    [
-        (9.0, 2, 9.0),  # the newest
-        (8.0, 2, 8.0),  # of the same time
-        (9.0, 1, 8.0),  # before the newer one
-        (15.0, 0, 4.0),  # interrupted for long
-        (9.0, 7, 9.0),  # a sample that is not in the recording
-        (-1.0, 0, -1.0),  # before any
-    ],
-)
-def test_a_step_has_read_the_sample_that_its_output_names(
-    at_ms: float, sample: int, read_ms: float
-) -> None:
-    """Inputs of after that reading are left to the next step; the clock is that of the output."""
-    output = message(topics.REGULATOR_TARGET, at_ms, sample)
-    step = _step(output, wrenches(0.0, 4.0, 8.0))
-    assert (step.at_ns, step.read_ns) == (round(at_ms * MS), round(read_ms * MS))
-    before_newer = PLACES["wrench"] - 1
-    assert step.place == (PLACES["regulator/target"] if read_ms == at_ms else before_newer)
-
-
-def test_a_sample_of_long_before_is_not_searched_for() -> None:
-    """An output that repeats an old sample has read at its own time."""
-    times_ms = [float(number) for number in range(3 * MOST_DELAYED)]
-    step = _step(message(topics.REGULATOR_TARGET, 500.0, 0), wrenches(*times_ms))
-    assert step.read_ns == step.at_ns
-
-
-def silent(outputs: list[Recorded], *samples_ms: float) -> list[tuple[float, float]]:
+def silent_steps(outputs: list[Recorded], *samples_ms: float) -> list[tuple[float, float]]:
     """Return time and end of the steps without an output, for samples 0, 1, 2, ... at times."""
     samples = [message(topics.SENSOR_WRENCH, at_ms, n) for n, at_ms in enumerate(samples_ms)]
     steps = [_step(each, samples) for each in outputs]
@@ -279,24 +219,23 @@ def silent(outputs: list[Recorded], *samples_ms: float) -> list[tuple[float, flo
 
 
 def test_a_sample_that_no_output_names_was_filtered_without_one() -> None:
-    """At its time, and requests until the next sample belong to that step."""
+    """At its time, and requests until the next sample belong to that step.
+
+    One during another step waits for its end, unless a newer one has replaced it by then.
+    """
     outputs = [message(topics.WRENCH, 0.0, 0), message(topics.WRENCH, 4.0, 2)]
-    steps = silent(outputs, 0.0, 2.0, 4.0, 6.0)
+    steps = silent_steps(outputs, 0.0, 2.0, 4.0, 6.0)
     assert [at_ms for at_ms, _ in steps] == [2.0, 6.0]
     assert steps[0][1] == pytest.approx(4.0, abs=1e-5)
-
-
-def test_a_sample_during_another_step_waits_for_its_end() -> None:
-    """Unless a newer one has replaced it by then."""
-    outputs = [message(topics.WRENCH, 7.0, 0), message(topics.WRENCH, 9.0, 4)]
-    assert [at_ms for at_ms, _ in silent(outputs, 0.0, 2.0, 4.0, 6.0, 8.5)] == [7.0]
+    late = [message(topics.WRENCH, 7.0, 0), message(topics.WRENCH, 9.0, 4)]
+    assert [at_ms for at_ms, _ in silent_steps(late, 0.0, 2.0, 4.0, 6.0, 8.5)] == [7.0]
 
 
 def test_a_command_that_was_published_late_is_replayed_with_the_inputs_that_it_had(
-    tmp_path: Path,
+    at_rest: Any,
 ) -> None:
     """Its process was interrupted between reading and publishing, past the next target."""
-    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
+    messages, cell = at_rest
     commands = [each for each in messages if each.topic == "robot/command"]
     late, following = commands[-60], commands[-59]
     moved = late._replace(at_ns=following.at_ns - 1)

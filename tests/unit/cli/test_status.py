@@ -5,14 +5,17 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from cli.__main__ import app
 from cli.arm_readings import no_readings
 from cli.doctor.report import observe_cell
-from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
+from cli.status import DOWN, CellStatus, cell_status, describe_number, is_well
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell
@@ -28,7 +31,6 @@ from launch.started_process import ProcessSpec
 from tools.tree import ROOT
 
 HUB = ProcessSpec("services.hub", ("hub",))
-RECORDER = ProcessSpec("services.recorder", ("recorder",))
 SLEEPER = ProcessSpec("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
 
 pytestmark = pytest.mark.processes
@@ -39,23 +41,15 @@ def faults(status: CellStatus) -> dict[str, str]:
     return {row["name"]: row["fault"] for row in status["services"]}
 
 
-def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: CellConfig) -> None:
-    """A running role has pid, rate and age; another one has a reason."""
-    with Supervisor(cell, processes=[HUB, SLEEPER]):
-        status = cell_status(cell, read_run(cell.cell))
-        hub = status["services"][0]
-        assert (hub["name"], hub["alive"], hub["fault"]) == ("hub", True, "")
-        assert hub["rate_hz"] is not None
-        assert status["state"] == DOWN
-        assert "runs, but no health for" in faults(status)["wrench"]
-        assert faults(status)["arbiter"].startswith("no health for")
-        assert [row["name"] for row in status["services"]] == list(topics.ROLES)
-        assert not is_well(status)
-
-
 def test_a_killed_hub_is_named_without_a_bus(cell: CellConfig) -> None:
-    """Without the bus, run file and kernel identify the killed process within two seconds."""
+    """Each role has its state; of a killed hub run file and kernel name the signal in 2 s."""
     with Supervisor(cell, processes=[HUB, SLEEPER]) as supervisor:
+        before = cell_status(cell, read_run(cell.cell))
+        assert [row["name"] for row in before["services"]] == list(topics.ROLES)
+        assert (before["state"], is_well(before)) == (DOWN, False)
+        assert faults(before)["hub"] == ""
+        assert "runs, but no health for" in faults(before)["wrench"]
+        assert faults(before)["arbiter"].startswith("no health for")
         run = read_run(cell.cell)
         assert run is not None
         os.kill(run.processes[0].pid, signal.SIGKILL)
@@ -88,16 +82,6 @@ def test_a_second_hub_on_the_endpoint_is_reported_and_nothing_else_is_started(
     assert [entry.roles for entry in run.processes] == [("hub",)]
 
 
-def test_a_helper_is_listed_while_it_runs(cell: CellConfig) -> None:
-    """A recorder is optional; a running one is in the list."""
-    with Supervisor(cell, processes=[HUB, RECORDER]):
-        wait_s = time.monotonic() + 20.0
-        while (rows := cell_status(cell, None)["services"])[-1]["name"] != "recorder":
-            assert time.monotonic() < wait_s, rows
-        assert [row["name"] for row in rows] == [*topics.ROLES, "recorder"]
-        assert rows[-1]["alive"]
-
-
 @pytest.mark.parametrize(
     ("number", "fault"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
 )
@@ -119,19 +103,6 @@ def test_a_helper_that_was_started_stays_in_the_list(
         found = observe_cell(cell, 0.1)
         assert found is not None
         assert found.roles["recorder"].silent
-
-
-def test_a_helper_that_died_is_restarted_and_named(cell: CellConfig) -> None:
-    """The run file states how the first recorder ended."""
-    with Supervisor(cell, processes=[HUB]) as supervisor, sidecars(supervisor, ["recorder"]):
-        run = read_run(cell.cell)
-        first = None if run is None else run.entry("recorder")
-        assert first is not None
-        os.kill(first.pid, signal.SIGKILL)
-        wait_s = time.monotonic() + 20.0
-        while not (found := restarts_of(read_run(cell.cell))):
-            assert time.monotonic() < wait_s
-        assert (found[0]["name"], found[0]["how"]) == ("recorder", "killed by SIGKILL")
 
 
 def test_a_requested_hold_is_well_and_one_by_a_limit_is_not() -> None:
@@ -203,3 +174,57 @@ def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> Non
     assert json.loads(well.stdout)["name"] == "hub"
     assert json.loads(silent.stdout)["alive"] is False
     assert json.loads(helper.stdout)["name"] == "recorder"
+
+
+# --- numbers of a health message ------------------------------------------------------------------
+
+NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_fraction": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "words"),
+    [
+        ("framed_round_trip_p50_s", 0.0123, "network round trip (median) 12.3 ms"),
+        ("sender_hz", 40.04, "reports of the controller 40.0 /s"),
+        ("monitor_speed_fraction", 0.1, "monitor speed 10.0 %"),
+        ("odd", 3.0, "odd 3"),
+    ],
+)
+def test_the_suffix_of_a_name_is_its_unit(name: str, number: float, words: str) -> None:
+    """Seconds as milliseconds, hertz as per second, fractions as percent."""
+    assert describe_number(name, number) == words
+
+
+def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_path: Path) -> None:
+    """The table has one line below for each role with numbers; each row of --json has a map."""
+    path = tmp_path / "file.yaml"
+    path.write_text(dump_cell(cell))
+    with Supervisor(cell, path, processes=[HUB]), open_bus(cell, "robot") as bus:
+        publisher = bus.publisher(topics.HEALTH["robot"])
+        report = json.loads(output_of(publisher, ["status", "--json", "--cell", str(path)]))
+        text = output_of(publisher, ["status", "--cell", str(path)])
+    rows = {row["name"]: row["numbers"] for row in report["services"]}
+    assert rows["robot"] == NUMBERS
+    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"processor_fraction", "put_max_s"}
+    line = next(line for line in text.splitlines() if line.startswith("  robot: "))
+    assert line == (
+        "  robot: network round trip (median) 12.3 ms, monitor speed 10.0 %, "
+        "reports of the controller 40.0 /s"
+    )
+
+
+def output_of(publisher, words: list[str]) -> str:
+    """Run a verb while the robot publishes."""
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.05):
+            publisher.put(Health(pid=1, numbers=NUMBERS))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        return CliRunner().invoke(app, words).stdout
+    finally:
+        stop.set()
+        thread.join()

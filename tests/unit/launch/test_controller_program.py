@@ -1,8 +1,6 @@
 """The program of a cell's controller: as it ships, or with the numbers of the cell file."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -74,11 +72,3 @@ def test_wrong_arguments_are_one_line(arguments, text, capsys) -> None:
     out, err = capsys.readouterr()
     assert out == ""
     assert text in err
-
-
-@pytest.mark.processes
-def test_it_is_a_command() -> None:
-    """As docs/controller.md has it."""
-    words = [sys.executable, "-m", "launch.controller_program", "cells/demo-plain.yaml"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout == program_of(PLAIN).text

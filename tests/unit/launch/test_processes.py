@@ -22,7 +22,7 @@ from forcemesh.topics import ROLE_TABLE, Role
 from launch import processes
 from launch.processes import Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
-from launch.started_process import ProcessExit, ProcessSpec
+from launch.started_process import ProcessSpec
 from tests.fakes.bench import DEMO
 from tools.tree import ROOT
 
@@ -106,20 +106,6 @@ def test_processes_run_under_the_supervisor_and_none_is_left_after_it(cell: Cell
     assert read_run(cell.cell) is None
 
 
-def test_lines_of_a_process_carry_its_role(cell: CellConfig) -> None:
-    """Lines of standard output and of standard error carry the role."""
-    output: list[tuple[str, str]] = []
-    program = f"import sys; print('to err', file=sys.stderr, flush=True); {SLEEPER}"
-    with Supervisor(
-        cell,
-        DEMO,
-        processes=[python("wrench", program)],
-        write_line=lambda *pair: output.append(pair),
-    ):
-        until(lambda: len(output) == 2)
-    assert output == [("wrench", "to err"), ("wrench", "up")]
-
-
 def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
     """Supervisor and run file, also after the end, name the process and its signal."""
     both = [python("wrench", SLEEPER), python("robot", SLEEPER)]
@@ -141,15 +127,27 @@ def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
 
 
 def test_an_exited_process_is_named_with_its_code_and_last_output(cell: CellConfig) -> None:
-    """The last output gives the cause of the exit."""
-    program = "import sys; print('no such file'); sys.exit(2)"
-    with Supervisor(cell, DEMO, processes=[python("wrench", program)]) as supervisor:
+    """The last output gives the cause of the exit; its lines carry the role, of either stream."""
+    output: list[tuple[str, str]] = []
+    program = "import sys; print('no such file', file=sys.stderr); sys.exit(2)"
+    wrench = [python("wrench", program)]
+    with Supervisor(
+        cell, DEMO, processes=wrench, write_line=lambda *pair: output.append(pair)
+    ) as supervisor:
         until(lambda: supervisor.died)
     assert str(supervisor.died[0]).endswith("exit code 2, last output: no such file")
+    assert ("wrench", "no such file") in output
 
 
-def test_an_exit_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> None:
-    """A cell that cannot become ready ends the wait, and the error names the exited process."""
+def test_an_exit_while_waiting_for_hub_or_readiness_ends_the_wait(cell: CellConfig) -> None:
+    """Long before the limit for a slow hub; the error names the exited process."""
+    began_s = time.monotonic()
+    with (
+        pytest.raises(ForcemeshError, match=r"hub .*exit code 3"),
+        Supervisor(cell, DEMO, processes=[python("hub", "raise SystemExit(3)")]),
+    ):
+        pass
+    assert time.monotonic() - began_s < processes.UP_WITHIN_S / 2.0
     wrench = [python("wrench", "raise SystemExit(3)")]
     with (
         Supervisor(cell, DEMO, processes=wrench) as supervisor,
@@ -210,17 +208,6 @@ def test_a_hub_that_never_responds_ends_the_wait(cell: CellConfig, monkeypatch) 
         pass
 
 
-def test_a_hub_that_exits_ends_the_wait_at_once(cell: CellConfig) -> None:
-    """The wait ends long before the limit for a slow hub."""
-    began_s = time.monotonic()
-    with (
-        pytest.raises(ForcemeshError, match=r"hub .*exit code 3"),
-        Supervisor(cell, DEMO, processes=[python("hub", "raise SystemExit(3)")]),
-    ):
-        pass
-    assert time.monotonic() - began_s < processes.UP_WITHIN_S / 2.0
-
-
 def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfig) -> None:
     """SIGTERM first, then SIGKILL for the whole group: no orphans."""
     output: list[str] = []
@@ -278,25 +265,3 @@ def test_a_running_cell_is_not_started_again(cell: CellConfig) -> None:
         Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
     ):
         pass
-
-
-def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) -> None:
-    """The processes load the same cell as the supervisor."""
-    with Supervisor(cell, processes=[python("wrench", SLEEPER)]):
-        run = read_run(cell.cell)
-        assert run is not None
-        assert load_cell(run.cell_file) == cell
-
-
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [
-        (0, "exit code 0"),
-        (2, "exit code 2"),
-        (-9, "killed by SIGKILL"),
-        (-99, "killed by signal 99"),
-    ],
-)
-def test_return_codes_are_described(code: int, words: str) -> None:
-    """A negative code is a signal, described by its name if it has one."""
-    assert ProcessExit(ProcessSpec("any", ("hub",)), 1, code).cause == words

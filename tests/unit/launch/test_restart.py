@@ -106,19 +106,6 @@ def test_the_hold_precedes_the_restart_and_the_message_gives_the_next_step() -> 
     assert len(world.log) == 4
 
 
-def test_two_simultaneous_exits_cause_one_hold_and_two_restarts() -> None:
-    """One hold names both processes."""
-    world = World()
-    for pid, process in enumerate(EXITED):
-        world.restarter.add(killed(process, pid))
-    world.restarter.update(0.0)
-    world.restarter.update(RESTART_PAUSE_S)
-    assert [line for line in world.log if line.startswith("start")] == [
-        "start wrench for 0", "start hub for 1",
-    ]  # fmt: skip
-    assert sum(line.startswith("hold") for line in world.log) == 1
-
-
 def test_after_repeated_exits_restarting_stops_with_one_message() -> None:
     """The message gives count, cause and remedy; each exit causes a hold."""
     world, now_s = World(), 0.0

@@ -4,10 +4,8 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-import typer
 
-from cli import context, verbs_arm
-from cli.context import REFUSED, confirmed
+from cli import verbs_arm
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
@@ -91,22 +89,3 @@ def test_backing_off_without_contact_is_refused() -> None:
     with pytest.raises(RefusedError) as refused:
         client_of(lab).back_off()
     assert refused.value.code == "already"
-
-
-@pytest.mark.parametrize("answer", ["n\n", ""])
-def test_without_a_confirmation_the_command_is_refused(
-    answer: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The answer no, and no terminal: a sentence and the exit code of a refusal."""
-
-    def asked(*_: object, **__: object) -> bool:
-        if not answer:
-            raise typer.Abort
-        return False
-
-    monkeypatch.setattr(context, "confirm", asked)
-    with pytest.raises(typer.Exit) as ended:
-        confirmed("may it?", yes=False)
-    assert ended.value.exit_code == REFUSED
-    assert "--yes" in capsys.readouterr().err
-    confirmed("may it?", yes=True)

@@ -19,7 +19,7 @@ from common.motion.limits import Limits
 from forcemesh import topics
 from forcemesh.codec import SCHEMA_VERSION, decode_record, encode_record, pack
 from forcemesh.messages import OPERATIONAL
-from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
+from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, Reply
 from tests.fakes.bench import CELL
 from tests.fakes.extremes import hostile
 from tests.fakes.lab import BRAKE_S, Lab
@@ -146,18 +146,20 @@ EXTREME_CALIBRATIONS: list[tuple[tuple[str, ...], Any]] = [
 ]
 
 
-def test_the_calibration_without_the_extreme_value_is_valid() -> None:
-    """The refusals below are therefore caused by the one extreme value."""
-    mass_kg = CELL.payload.mass_kg
-    text = calibration_json(("payload", "mass_kg"), mass_kg)
-    assert CalibrationSection.model_validate_json(text).payload.mass_kg == mass_kg
+@pytest.fixture(scope="module")
+def held_lab() -> Lab:
+    """A held cell, which no refused calibration changes."""
+    lab = Lab()
+    held(lab)
+    return lab
 
 
 @pytest.mark.parametrize(("path", "value"), EXTREME_CALIBRATIONS, ids=str)
-def test_an_impossible_calibration_is_refused(path: tuple[str, ...], value: Any) -> None:
+def test_an_impossible_calibration_is_refused(
+    path: tuple[str, ...], value: Any, held_lab: Lab
+) -> None:
     """The reply names the value; the wrench stays valid."""
-    lab = Lab()
-    held(lab)
+    lab = held_lab
     text = calibration_json(path, value)
     with pytest.raises(ValidationError) as refused:  # a file with this value is refused too
         CalibrationSection.model_validate_json(text)
@@ -184,20 +186,6 @@ def test_a_task_frame_whose_quaternion_is_no_rotation_is_refused(w: float) -> No
     assert (reply.accepted, reply.code) == (False, "malformed")
     assert "ForceStartRequest.task.pose.orientation_xyzw: the quaternion" in reply.text
     lab.assert_still(0.1)
-
-
-def test_a_point_outside_the_workspace_is_refused() -> None:
-    """The reply gives number, axis and limit; the coordinate along the tool's axis is free."""
-    lab = Lab()
-    lab.press()
-    x_m, y_m, z_m = lab.p_m()
-    inside, above = (x_m + 0.005, y_m, z_m), (x_m + 0.005, y_m, z_m + 50.0)
-    beyond = (x_m + 5.0, y_m, z_m)
-    request = PathRequest(points_m=(inside, beyond))
-    reply = lab.ask(topics.FORCE_PATH, request)
-    assert (reply.accepted, reply.code) == (False, "workspace")
-    assert reply.text.startswith("point 2: TCP x = ")
-    assert lab.ask(topics.FORCE_PATH, PathRequest(points_m=(inside, above))).accepted
 
 
 def test_a_hold_is_served_while_every_inbox_is_full() -> None:

@@ -84,17 +84,6 @@ def test_after_an_operator_takes_the_arm_a_program_is_refused_as_busy() -> None:
     lab.seconds_until(lambda: lab.status.commander == "program", 0.5)
 
 
-@pytest.mark.parametrize("host", ["pc", "controller"])
-@pytest.mark.long
-def test_a_person_takes_the_arm_from_force_feedback_over_tcp(host: str) -> None:
-    """Through the gateway and the controller's own program, with the regulator on each host."""
-    lab = Lab(TCP)
-    press(lab, host)
-    hand_over(lab, "operator")
-    lab.finish_move(4.0)
-    assert lab.status.state == "ARMED"
-
-
 def test_a_person_takes_the_arm_from_a_program_over_tcp() -> None:
     """The controller brakes the first move, and the second one begins at rest."""
     lab = Lab(TCP)
@@ -117,12 +106,3 @@ def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
     lab.cell.advance(1.0)
     assert lab.status.commander == "regulator"
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
-
-
-def test_force_feedback_is_refused_as_busy_while_a_program_moves_the_arm() -> None:
-    """The same as during an operator's move: accepted, it would have no effect."""
-    lab = Lab()
-    assert move(lab, "program", z_m=0.1).accepted
-    lab.cell.advance(0.5)
-    request = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).code == "busy"

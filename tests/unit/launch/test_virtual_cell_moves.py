@@ -12,8 +12,8 @@ from forcemesh.messages import (
     PoseRecord,
     Speed,
 )
-from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest
-from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
+from forcemesh.requests import Empty, HoldRequest, MoveRequest
+from tests.fakes.lab import BRAKE_S, Lab
 
 
 @pytest.fixture
@@ -33,19 +33,6 @@ def test_a_move_to_a_pose_arrives_there(lab: Lab) -> None:
         T, T_target = pose_of(lab.state), pose_of(target)
         assert T.translation == pytest.approx(T_target.translation, abs=1e-4)
         assert np.linalg.norm(rotation_between(T.rotation, T_target.rotation)) < 1e-3
-
-
-def test_moves_of_the_joints_arrive_there(lab: Lab) -> None:
-    """A relative move, then an absolute one back to the start."""
-    start = np.array(lab.state.joint_rad)
-    turn = np.radians([4.0, -3.0, 5.0, 2.0, -4.0, 10.0])
-    assert lab.ask(topics.MOVE, MoveRequest(kind="by", joint_rad=tuple(turn.tolist()))).accepted
-    lab.finish_move()
-    assert lab.state.joint_rad == pytest.approx(start + turn, abs=1e-3)
-    back = MoveRequest(kind="joints", joint_rad=tuple(start.tolist()))
-    assert lab.ask(topics.MOVE, back).accepted
-    lab.finish_move()
-    assert lab.state.joint_rad == pytest.approx(start, abs=1e-3)
 
 
 def test_a_pose_that_the_joints_do_not_reach_is_refused_before_the_start(lab: Lab) -> None:
@@ -93,27 +80,3 @@ def test_the_speed_setting_scales_the_duration_of_a_move(lab: Lab) -> None:
     assert half_s == pytest.approx(2.0 * fast_s, rel=0.15)
     modular_s = duration_s(Speed(mechanical_m_s=0.2, modular_fraction=0.25), z_m=0.08)
     assert modular_s == pytest.approx(half_s, rel=0.05)
-
-
-def test_a_start_during_a_move_is_refused_and_so_is_a_second_move(lab: Lab) -> None:
-    """The commander keeps the arm against equal ones until its move is done or stopped."""
-    lab.lift()
-    request = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).code == "busy"
-    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=0.02))).code == "busy"
-    lab.finish_move()
-    lab.assert_still(0.3)
-    assert lab.ask(topics.FORCE_START, request).accepted
-    lab.cell.advance(0.1)
-    assert lab.status.commander == "regulator"
-
-
-def test_the_same_seed_is_the_same_run() -> None:
-    """Two cells in lock step agree to the last bit, so that a failure can be reproduced."""
-    runs = []
-    for _ in range(2):
-        lab = Lab()
-        lab.approach()
-        lab.cell.advance(0.5)
-        runs.append((lab.state.joint_rad, lab.now(lab.wrench)))
-    assert runs[0] == runs[1]

@@ -231,12 +231,6 @@ def test_wrong_torques_are_stopped_while_the_tool_rotates(signs) -> None:
     assert touch.travel_m < MOST_M
 
 
-def test_correct_torques_align_the_disc_with_the_plate() -> None:
-    """The same press, correctly wired, is not stopped."""
-    bench = Bench(cell_with(sim__tilt_deg=5.0))
-    assert not bench.press("both", for_s=2.0).codes
-
-
 # --- the tare, before anything moves --------------------------------------------------------------
 
 

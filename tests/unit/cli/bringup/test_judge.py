@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from cli.bringup.judge import (
-    CopiedStream,
     Judgement,
     Outcome,
     by_exit_code,
@@ -26,6 +25,7 @@ from common.config.load import dump_cell, load_cell
 from tools.tree import ROOT
 
 PRESS = {"setpoint_N": 5.0, "reached_s": 1.0, "mean_N": 4.98761, "ripple_N": 0.1, "peak_N": 5.4}
+ROUNDED = PRESS | {"mean_N": 4.988}
 RESIDUALS = dict.fromkeys(("force_mean_N", "force_max_N", "torque_mean_Nm", "torque_max_Nm"), 0.01)
 CALIBRATION = {
     "cell": "demo-tcp", "made_at": "2026-11-27T08:00:00Z", "method": "arm",
@@ -56,26 +56,23 @@ def ending(code: object, out: str = "", err: str = "") -> Callable[[list[str]], 
     return run
 
 
-def test_a_command_gets_the_cell_file_and_its_output_is_shown_and_kept(
+def test_the_output_of_a_command_is_shown_and_kept_or_is_a_report(
     cell_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A path may have blanks; what is printed before and after the command is not kept."""
+    """A command that ends with an error before its report has none; without one none passes.
+
+    Each gets the cell file; a path may have blanks; without --json the output is shown too.
+    """
     words: list[str] = []
 
-    def run(given: list[str]) -> None:
+    def tune(given: list[str]) -> None:
         words.extend(given)
         ending(3, "done\n", "why\n")(given)
 
-    done = run_command("tune --write 'a b.yaml'", cell_file, run)
+    done = run_command("tune --write 'a b.yaml'", cell_file, tune)
     assert words == ["tune", "--write", "a b.yaml", "--cell", str(cell_file)]
     assert (done.code, done.last_line) == (3, "why")
     assert capsys.readouterr() == ("done\n", "why\n")
-
-
-def test_a_report_is_kept_and_not_shown(
-    cell_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A command that ends with an error before its report has none; without one none passes."""
     done = run_command("press 5 --json", cell_file, ending(0, json.dumps(PRESS)))
     assert done.report == PRESS
     assert capsys.readouterr().out == ""
@@ -88,14 +85,6 @@ def test_a_report_is_kept_and_not_shown(
         assert judge_installation(cell_file, [done]).why.endswith("no report, exit code 1")
 
 
-def test_a_stream_without_a_terminal_is_none() -> None:
-    """Progress bars ask for it."""
-    stream = CopiedStream(None)
-    stream.flush()
-    assert not stream.isatty()
-    assert Outcome("x", 0, stream.kept).last_line == ""
-
-
 def test_the_error_of_the_command_that_failed_is_the_reason(cell_file: Path) -> None:
     """Without the codes of the terminal."""
     assert by_exit_code(cell_file, [Outcome("tare", 0, "tared\n")]) == Judgement()
@@ -105,47 +94,53 @@ def test_the_error_of_the_command_that_failed_is_the_reason(cell_file: Path) -> 
         assert judge(cell_file, [FAILED]).why == by_exit_code(cell_file, [FAILED]).why
 
 
-def lines(*rows: tuple[str, str, str]) -> list[Outcome]:
+def lines(*rows: tuple[str, str, str]) -> Outcome:
     """Return a report of the doctor."""
     report = [{"check": c, "result": r, "found": f, "remedy": "do it"} for c, r, f in rows]
-    return [Outcome("doctor --json", 1, "", {"lines": report})]
+    return Outcome("doctor --json", 1, "", {"lines": report})
 
 
-def test_the_doctor_fails_with_every_failed_check(cell_file: Path) -> None:
-    """But the calibration, which comes later; the monitor speed is kept."""
-    found = lines(
-        ("calibration", "FAIL", "none"), ("peer", "WARN", "any"), ("mode", "FAIL", "TEACH"),
-        ("monitor speed", "FAIL", "12.5 %; robot.delay_s was measured at 25 %"),
-    )  # fmt: skip
-    judged = judge_doctor(cell_file, found)
-    assert judged.why.startswith("mode: TEACH -> do it; monitor speed: 12.5 %")
-    assert judged.numbers == {"monitor_speed_percent": 12.5}
-    good = lines(("calibration", "FAIL", "none"), ("monitor speed", "WARN", "unknown"))
-    assert judge_doctor(cell_file, good) == Judgement()
+def axes(code: int, **changes: Any) -> Outcome:
+    """Return a report of the installation."""
+    report: dict[str, Any] = {
+        "verdict": "right", "source": "six poses", "findings": [], "not_shown": [],
+        "evidence": {"mass_kg": 1.00042},
+    }  # fmt: skip
+    return Outcome("check axes", code, "", report | changes)
 
 
-def test_the_installation_fails_with_its_findings(cell_file: Path) -> None:
-    """Each with its correction; the evidence is kept."""
-    report: dict[str, Any] = {"verdict": "right", "source": "six poses", "findings": [],
-                              "not_shown": [], "evidence": {"mass_kg": 1.00042}}  # fmt: skip
-    assert judge_installation(cell_file, [Outcome("check axes", 0, "", report)]) == Judgement(
-        "", {"mass_kg": 1.0}
-    )
-    wrong = report | {"findings": [{"text": "the tool weighs 1 kg", "remedy": "write it"}]}
-    judged = judge_installation(cell_file, [Outcome("check axes", 1, "", wrong)])
-    assert judged.why == "the tool weighs 1 kg -> write it"
-    unclear = report | {"verdict": "cannot tell", "not_shown": ["the sign of fz", "the mass"]}
-    judged = judge_installation(cell_file, [Outcome("check axes", 1, "", unclear)])
-    assert judged.why == "cannot tell: the sign of fz; the mass"
+UNCALIBRATED = ("calibration", "FAIL", "none")  # comes later
+SLOW = ("monitor speed", "FAIL", "12.5 %; robot.delay_s was measured at 25 %")
+LIGHT = {"text": "the tool weighs 1 kg", "remedy": "write it"}
+NOT_SHOWN = ["the sign of fz", "the mass"]
 
 
-def test_a_press_keeps_its_numbers(cell_file: Path) -> None:
-    """Also when the arm was not free afterwards."""
-    done = [Outcome("press 5 --json", 0, "", PRESS), Outcome("retract", 1, "held\n")]
-    judged = judge_press(cell_file, done)
-    assert judged.numbers["mean_N"] == 4.988
-    assert judged.why == "`forcemesh retract`: held, exit code 1"
-    assert judge_press(cell_file, [FAILED]).numbers == {}
+@pytest.mark.parametrize(
+    ("judge", "outcome", "why", "numbers"),
+    [
+        (judge_doctor, lines(UNCALIBRATED, ("peer", "WARN", "any")), "", {}),
+        (judge_doctor, lines(UNCALIBRATED, ("mode", "FAIL", "TEACH"), SLOW),
+         "mode: TEACH -> do it; monitor speed: 12.5 %", {"monitor_speed_percent": 12.5}),
+        (judge_installation, axes(0), "", {"mass_kg": 1.0}),
+        (judge_installation, axes(1, findings=[LIGHT]), "the tool weighs 1 kg -> write it", None),
+        (judge_installation, axes(1, verdict="cannot tell", not_shown=NOT_SHOWN),
+         "cannot tell: the sign of fz; the mass", None),
+        (judge_press, Outcome("press 5 --json", 1, "held\n", PRESS),
+         "`forcemesh press 5 --json`: held, exit code 1", ROUNDED),
+    ],
+)  # fmt: skip
+def test_a_report_gives_the_reason_with_its_remedy_and_the_numbers_to_keep(
+    cell_file: Path,
+    judge: Callable[[Path, list[Outcome]], Judgement],
+    outcome: Outcome,
+    why: str,
+    numbers: dict[str, float] | None,
+) -> None:
+    """Every failed check or finding is named."""
+    judged = judge(cell_file, [outcome])
+    assert judged.why.startswith(why)
+    assert bool(judged.why) == bool(why)
+    assert numbers is None or judged.numbers == numbers
 
 
 def test_probe_calibration_and_tuning_keep_what_their_files_hold(cell_file: Path) -> None:

@@ -24,9 +24,9 @@ AXES = {"+x": (1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0), "straight up": (0.0, 0.0, 
 class Person:
     """Person who follows the prompts and pushes the tip of the tool, some degrees off."""
 
-    def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0, lazy=False) -> None:
+    def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0) -> None:
         """Set the wiring of the sensor's channels."""
-        self.cell, self.size_N, self.lazy = cell, size_N, lazy
+        self.cell, self.size_N = cell, size_N
         self.notes: list[str] = []
         self.push = np.zeros(6)  # force and torque on the sensor, base axes
         self.began_ns = 0
@@ -39,7 +39,7 @@ class Person:
     def note(self, text: str) -> None:
         """Read a line; push when it requests a push."""
         self.notes.append(text)
-        if not re.match(r"(push|twist) the t", text) or self.lazy:
+        if not re.match(r"(push|twist) the t", text):
             return
         if self.prompts_to_ignore:
             self.prompts_to_ignore -= 1
@@ -93,16 +93,22 @@ def cell() -> VirtualCell:
 
 
 def test_correct_pushes_confirm_a_correct_wiring(cell) -> None:
-    """Four prompts, four confirmations, no remedy; the arm does not move."""
+    """Four prompts, four confirmations, no remedy; the arm does not move.
+
+    The test waits until the hands leave the tool, and repeats a prompt that is not followed.
+    """
     person = Person(cell)
+    person.push, person.began_ns = np.full(6, 2.0), cell.clock.now_ns()
+    person.prompts_to_ignore = 1
     found = pushed(cell, person)
+    assert any("no push +x within 3 s" in note for note in person.notes)
     assert found.verdict == "right", [str(f) for f in found.findings]
     assert not found.unidentified
     assert sum(note.endswith("right") for note in person.notes) == 4
     assert not cell.arm.moving
 
 
-@pytest.mark.parametrize("number", [7, 18])
+@pytest.mark.parametrize("number", [18])
 @pytest.mark.long
 def test_a_wrong_wiring_is_reported_after_two_pushes(cell, number) -> None:
     """A reading that is not along the push is requested once more, then accepted."""
@@ -114,36 +120,13 @@ def test_a_wrong_wiring_is_reported_after_two_pushes(cell, number) -> None:
     assert len(wrong) >= 2
 
 
-@pytest.mark.long
-def test_a_missed_prompt_is_repeated(cell) -> None:
-    """Three seconds without a push are reported; the next attempt counts."""
-    person = Person(cell)
-    person.prompts_to_ignore = 1
-    found = pushed(cell, person)
-    assert found.verdict == "right"
-    assert any("no push +x within 3 s" in note for note in person.notes)
-
-
-@pytest.mark.long
-def test_a_sensor_that_shows_no_push_is_reported(cell) -> None:
-    """In kgf a push of 10 N reads 1, below the threshold of a push."""
-    person = Person(cell, SIGNED[0] / 9.80665)
+def test_implausible_pushes_leave_the_unit_in_doubt(cell) -> None:
+    """About 10 N were requested and 98 N measured; in kgf it reads 1, which is no push."""
     with pytest.raises(CalibrationError, match="unit is too large"):
-        pushed(cell, person)
-
-
-def test_implausibly_large_pushes_leave_the_unit_in_doubt(cell) -> None:
-    """About 10 N were requested and 98 N measured."""
+        pushed(cell, Person(cell, SIGNED[0] / 9.80665))
     found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
     assert found.verdict == "cannot tell"
     assert "about 10 N were requested" in found.findings[0].text
-
-
-def test_the_test_waits_until_the_hands_leave_the_tool(cell) -> None:
-    """The reading at rest waits for them, then the test continues."""
-    person = Person(cell)
-    person.push, person.began_ns = np.full(6, 2.0), cell.clock.now_ns()
-    assert pushed(cell, person).verdict == "right"
 
 
 def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:

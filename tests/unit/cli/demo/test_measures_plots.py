@@ -3,19 +3,16 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
-from cli.demo.measures import Surface, _draw_plane, pictured, plot
+from cli.demo.measures import Surface, pictured, plot
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
 from tests.fakes.bench import DEMO
 
 TILTED = surface_of(demo_cell(DEMO, DemoOverrides(tilt_deg=15.0)))
 LEVEL = surface_of(demo_cell(DEMO, DemoOverrides()))
 PRESS_N = 10.0
-ACROSS = st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
 
 
 def pressed(surface: Surface, t_s: float, *, off_m: float) -> ScenarioSample:
@@ -38,27 +35,6 @@ def aligning(surface: Surface) -> Trace:
     press = [pressed(surface, -0.1, off_m=rim_m)]
     work = [pressed(surface, 0.1 * at, off_m=rim_m * (1.0 - at / 10)) for at in range(11)]
     return Trace(press=press, work=work)
-
-
-@given(ACROSS, ACROSS)
-def test_the_plane_of_the_plate_is_drawn_true_to_length(one, other):
-    """Distances on the plate are kept; a projection from above would shorten them."""
-    y = np.cross(TILTED.normal, [1.0, 0.0, 0.0])
-    first, second = (TILTED.point_m + a * np.array([1.0, 0, 0]) + b * y for a, b in (one, other))
-    drawn_m = np.linalg.norm(TILTED.in_plane_m(first) - TILTED.in_plane_m(second))
-    assert drawn_m == pytest.approx(np.linalg.norm(first - second), abs=1e-12)
-
-
-def test_the_contact_is_drawn_from_the_rim_to_the_middle_of_the_disc():
-    """In millimetres, with equal axes that name their unit."""
-    axes = Figure().add_subplot()
-    _draw_plane(axes, aligning(TILTED), TILTED)
-    path = np.asarray(axes.get_lines()[0].get_xydata())
-    assert np.linalg.norm(path[0]) == pytest.approx(1e3 * TILTED.disc_radius_m)
-    assert np.linalg.norm(path[-1]) == pytest.approx(0.0, abs=1e-6)
-    assert axes.get_aspect() == 1.0
-    assert axes.get_xlabel().endswith("[mm]")
-    assert axes.get_ylabel().endswith("[mm]")
 
 
 @pytest.mark.parametrize(("surface", "names"), [(LEVEL, 3), (TILTED, 5)], ids=["level", "tilted"])

@@ -26,15 +26,6 @@ from tests.fakes.long import long
 from tuning.gain_rule import tune
 
 
-@pytest.mark.parametrize(
-    "trial", [DemoOverrides(), DemoOverrides(stiffness_N_m=1e4), DemoOverrides(delay_s=0.02)]
-)
-def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
-    """Its options for the plate do not replace the section `sim` of the cell file."""
-    with pytest.raises(ConfigError, match="section `sim`"):
-        demo_cell(DEMO.with_name("rs007l-real.yaml"), trial)
-
-
 def test_a_curved_surface_is_refused_before_anything_starts(tmp_path: Path) -> None:
     """The distances of the demo are those from a plane."""
     path = tmp_path / "cell.yaml"

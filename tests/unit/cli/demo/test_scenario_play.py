@@ -50,21 +50,18 @@ def play(monkeypatch: pytest.MonkeyPatch, supervisor: FakeSupervisor) -> Forceme
     return caught.value
 
 
+DIED = "hub (pid 7) was ended by SIGKILL"
+
+
+@pytest.mark.parametrize(
+    ("died", "kind", "text"),
+    [((DIED,), ScenarioError, f"{DIED}: {NO_REPLY}"), ((), BusError, NO_REPLY)],
+)
 def test_a_death_during_a_request_is_reported_as_a_death(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, died: tuple[str, ...], kind: type[Exception], text: str
 ) -> None:
-    """The hub was killed during a request: the others stay up, and the error names the hub."""
-    supervisor = FakeSupervisor("hub (pid 7) was ended by SIGKILL")
+    """The others stay up. Without a death the error, and so the exit code, is that of no reply."""
+    supervisor = FakeSupervisor(*died)
     error = play(monkeypatch, supervisor)
-    assert isinstance(error, ScenarioError)
-    assert str(error) == f"hub (pid 7) was ended by SIGKILL: {NO_REPLY}"
-    assert supervisor.lingers_s == [7.0]
-
-
-def test_a_request_without_reply_is_reported_as_no_reply(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No process died: the exit code is that of no reply, and a hold was requested."""
-    supervisor = FakeSupervisor()
-    error = play(monkeypatch, supervisor)
-    assert isinstance(error, BusError)
-    assert str(error) == NO_REPLY
+    assert (type(error), str(error)) == (kind, text)
     assert supervisor.lingers_s == [7.0]

@@ -1,10 +1,8 @@
 """The demo with the adaptive law, in lock step, and the options that choose law and axes."""
 
 import pytest
-from typer.testing import CliRunner
 
 from bench.over_tcp import OVERSHOOT_MOST_PCT
-from cli.__main__ import app
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.scenario import ScenarioPlan, play_virtual
@@ -52,11 +50,3 @@ def test_a_controller_with_a_low_report_rate_does_not_press_harder(host, stiffne
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None
     assert found.overshoot_pct <= 5.0
-
-
-def test_an_unknown_axis_is_named() -> None:
-    """The verb ends before it connects to a cell."""
-    result = CliRunner().invoke(app, ["force", "start", "--axes", "x,up"])
-    assert result.exit_code == 2
-    assert "up" in result.output
-    assert "rx" in result.output

@@ -26,6 +26,7 @@ from cli.doctor.machine import (
     realtime_limit,
     sensor_line,
 )
+from cli.doctor.remedies import REMEDIES
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -41,11 +42,6 @@ NETFT = load_cell(CELLS / "demo-netft.yaml")
 REAL = load_cell(CELLS / "rs007l-real.yaml")
 NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
 GOOD = RdtRecord(1, 1, 0, (0,) * 6)
-
-
-def judged(line: ReportLine) -> tuple[str, bool]:
-    """Return the result of a line, and whether it has a remedy."""
-    return line.result, bool(line.remedy)
 
 
 def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
@@ -67,43 +63,80 @@ def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
     return cell.model_copy(update={"calibration": CalibrationSection(**(found | changes))})
 
 
-def test_every_item_has_a_line() -> None:
-    """Versions, clock, priority, ports and calibration have a line on every machine."""
-    lines = {line.check: line for line in machine_lines(CELL, is_up=False)}
-    assert list(lines) == ["versions", "clock", "real-time priority", "ports", "calibration"]
-    for line in lines.values():
-        assert line.result in ("PASS", "SKIP") or line.remedy
+def using(**shares: float) -> dict[str, Health]:
+    """Return the health of processes with real-time priority that use so much of a core."""
+    return {
+        role: Health(numbers={"processor_fraction": share}, counters={"realtime": 1})
+        for role, share in shares.items()
+    }
 
 
-def test_a_missing_library_is_a_failure() -> None:
-    """The missing library is named."""
-    assert judged(check_versions({"Python": "3.11", "numpy": "2.2"})) == ("PASS", False)
-    line = check_versions({"Python": "3.11", "numpy": ""})
-    assert judged(line) == ("FAIL", True)
-    assert "numpy missing" in line.found
+def none(cell: CellConfig) -> CellConfig:
+    """Return the cell without a calibration, which accepts that."""
+    payload = cell.payload.model_copy(update={"accept_uncalibrated": True})
+    return cell.model_copy(update={"calibration": "none", "payload": payload})
 
 
-def test_a_late_or_unset_clock_is_a_warning() -> None:
-    """A clock is late by half a deadline, or shows the year 1970."""
-    quick, late = [0.001, 0.0011, 0.002], [0.001, 0.0011, 0.05]
-    assert judged(check_clock(quick, NOW)) == ("PASS", False)
-    assert judged(check_clock(late, NOW)) == ("WARN", True)
-    assert judged(check_clock(quick, NOW.replace(year=1970))) == ("WARN", True)
+def device(driver: str, *, exists: bool = True, has_package: bool = True) -> ReportLine:
+    """Return the line of a sensor on a serial device."""
+    sensor = REAL.sensor.model_copy(update={"driver": driver})
+    return check_device(sensor, exists=exists, has_package=has_package)
 
 
-def test_missing_real_time_priority_is_a_warning() -> None:
-    """A cell works without it while the machine is idle."""
-    assert judged(check_priority(is_granted=True)) == ("PASS", False)
-    assert judged(check_priority(is_granted=False)) == ("WARN", True)
+HUB = "tcp/127.0.0.1:7447"
+QUICK, LATE = [0.001, 0.0011, 0.002], [0.001, 0.0011, 0.05]
+ORDINARY = {"robot": Health(numbers={"processor_fraction": 0.7})}  # without real-time priority
+FAULTY = RdtRecord(1, 1, 0x80000001, (0,) * 6)
+OLD = Reading(Health(version="0.0.1"), None, 0.1, "")
+
+# The line, its result and its remedy.
+# fmt: off
+CASES: list[tuple[ReportLine, str, str]] = [
+    (check_versions({"Python": "3.11", "numpy": "2.2"}), "PASS", ""),
+    (check_versions({"Python": "3.11", "numpy": ""}), "FAIL", "versions"),
+    (check_clock(QUICK, NOW), "PASS", ""),
+    (check_clock(LATE, NOW), "WARN", "clock.late"),
+    (check_clock(QUICK, NOW.replace(year=1970)), "WARN", "clock.calendar"),
+    (check_priority(is_granted=True), "PASS", ""),
+    (check_priority(is_granted=False), "WARN", "priority"),
+    (check_ports({HUB: True}, is_up=False), "FAIL", "ports"),
+    (check_ports({HUB: True}, is_up=True), "SKIP", ""),  # the cell itself uses it
+    (check_ports({HUB: False}, is_up=False), "PASS", ""),
+    (check_ports({}, is_up=False), "SKIP", ""),
+    (check_calibration(REAL, NOW), "FAIL", "calibration"),
+    (check_calibration(none(REAL), NOW), "WARN", "calibration"),
+    (check_calibration(CELL, NOW), "PASS", ""),
+    (check_calibration(calibrated(REAL, 3), NOW), "PASS", ""),
+    (check_calibration(calibrated(REAL, 400), NOW), "WARN", "calibration.old"),
+    (check_calibration(calibrated(REAL, 3, tool="another"), NOW), "FAIL", "calibration"),
+    (check_calibration(calibrated(REAL, 3, verified=None), NOW), "FAIL", "calibration"),
+    (check_role("wrench", OLD, ""), "FAIL", "role.version"),
+    (sensor_line(CELL, is_up=False), "SKIP", ""),  # simulated
+    (sensor_line(NETFT, is_up=True), "SKIP", ""),  # the cell uses its only stream
+    (check_stream_of("there", ReceivedStream(0, None), 0.5), "FAIL", "sensor.silent"),
+    (check_stream_of("there", ReceivedStream(9, FAULTY), 0.5), "FAIL", "sensor.status"),
+    (check_stream_of("there", ReceivedStream(500, GOOD), 0.5), "PASS", ""),
+    (device("bota"), "PASS", ""),
+    (device("bota", exists=False), "FAIL", "sensor.device"),
+    (device("bota", has_package=False), "FAIL", "sensor.bota"),
+    (device("robotiq", exists=False, has_package=False), "FAIL", "sensor.robotiq"),
+    (check_processor(using(robot=0.6, arbiter=0.7), 2, 0.95), "PASS", ""),
+    (check_processor(using(robot=0.7, arbiter=0.7), 2, 0.95), "WARN", "processor"),
+    (check_processor(using(robot=0.7, arbiter=0.7), 4, 0.95), "PASS", ""),
+    (check_processor(using(robot=0.8), 8, 0.95), "WARN", "processor"),
+    (check_processor(using(arbiter=0.7) | ORDINARY, 2, 0.95), "PASS", ""),
+    (check_processor({"robot": Health()}, 2, 1.0), "PASS", ""),  # of an older version
+]
+# fmt: on
 
 
-def test_a_port_used_by_another_process_is_a_failure() -> None:
-    """While the cell is up, the cell itself uses the port."""
-    taken = {"tcp/127.0.0.1:7447": True}
-    assert judged(check_ports(taken, is_up=False)) == ("FAIL", True)
-    assert judged(check_ports(taken, is_up=True)) == ("SKIP", False)
-    assert judged(check_ports({"tcp/127.0.0.1:7447": False}, is_up=False)) == ("PASS", False)
-    assert judged(check_ports({}, is_up=False)) == ("SKIP", False)
+@pytest.mark.parametrize(("line", "word", "remedy"), CASES, ids=lambda value: str(value)[:40])
+def test_each_finding_has_its_result_and_its_remedy(
+    line: ReportLine, word: str, remedy: str
+) -> None:
+    """A line that passes or is skipped has no remedy, every other line has one."""
+    assert (line.result, line.remedy) == (word, REMEDIES[remedy] if remedy else "")
+    assert line.found
 
 
 @pytest.mark.realtime
@@ -113,61 +146,10 @@ def test_a_listener_on_the_port_of_the_hub_is_detected() -> None:
         where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         cell = load_cell(CELLS / "demo.yaml", {"bus.endpoint": where})
         words = {line.check: line.result for line in machine_lines(cell, is_up=False)}
+    assert list(words) == ["versions", "clock", "real-time priority", "ports", "calibration"]
     assert words["ports"] == "FAIL"
     assert is_local("127.0.0.1")
     assert not is_local("labpc.example")
-
-
-def test_a_calibration_is_judged_by_tool_and_age() -> None:
-    """Cases: none, the cell file's own numbers, a recent one, an old one, another tool."""
-    missing = check_calibration(REAL, NOW)
-    assert judged(missing) == ("FAIL", True)
-    assert missing.found.startswith("calibrate first")
-    assert judged(check_calibration(CELL, NOW)) == ("PASS", False)
-    assert judged(check_calibration(calibrated(REAL, 3), NOW)) == ("PASS", False)
-    assert judged(check_calibration(calibrated(REAL, 400), NOW)) == ("WARN", True)
-    for changes in ({"tool": "another"}, {"verified": None}):
-        other = check_calibration(calibrated(REAL, 3, **changes), NOW)
-        assert judged(other) == ("FAIL", True)
-    accepted = REAL.model_copy(
-        update={
-            "calibration": "none",
-            "payload": REAL.payload.model_copy(update={"accept_uncalibrated": True}),
-        }
-    )
-    assert judged(check_calibration(accepted, NOW)) == ("WARN", True)
-
-
-def test_a_process_of_another_version_is_a_failure() -> None:
-    """The arbiter refuses to arm in this case; the line gives the remedy."""
-    line = check_role("wrench", Reading(Health(version="0.0.1"), None, 0.1, ""), "")
-    assert judged(line) == ("FAIL", True)
-    assert "version 0.0.1" in line.found
-
-
-def test_a_sensor_that_must_not_be_contacted_is_skipped() -> None:
-    """A simulated sensor, and one whose only stream the cell uses."""
-    assert sensor_line(CELL, is_up=False).result == "SKIP"
-    assert sensor_line(NETFT, is_up=True).result == "SKIP"
-
-
-def test_the_stream_of_a_sensor_is_judged() -> None:
-    """Cases: no record, a record with an error, valid readings."""
-    assert judged(check_stream_of("there", ReceivedStream(0, None), 0.5)) == ("FAIL", True)
-    bad = RdtRecord(1, 1, 0x80000001, (0,) * 6)
-    assert judged(check_stream_of("there", ReceivedStream(9, bad), 0.5)) == ("FAIL", True)
-    line = check_stream_of("there", ReceivedStream(500, GOOD), 0.5)
-    assert (line.result, "1000 records/s" in line.found) == ("PASS", True)
-
-
-def test_a_sensor_on_a_serial_device_is_checked_by_package_and_device() -> None:
-    """A missing package is reported first, then a missing device."""
-    for driver in ("robotiq", "bota"):
-        sensor = REAL.sensor.model_copy(update={"driver": driver})
-        assert check_device(sensor, exists=True, has_package=True).result == "PASS"
-        assert judged(check_device(sensor, exists=False, has_package=True)) == ("FAIL", True)
-        missing = check_device(sensor, exists=True, has_package=False)
-        assert f"forcemesh[{driver}]" in missing.remedy
 
 
 def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(
@@ -176,7 +158,7 @@ def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure
     """The sensor of a driver that is not ours is not opened; the text lists what is installed."""
     cell = load_cell(CELLS / "rs007l-real.yaml", {"sensor.driver": "ftx"})
     line = sensor_line(cell, is_up=False)
-    assert judged(line) == ("FAIL", True)
+    assert (line.result, line.remedy) == ("FAIL", REMEDIES["sensor.driver"])
     assert "'ftx' is not installed here, installed: bota, rdt, robotiq" in line.found
     monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
     line = sensor_line(cell, is_up=False)
@@ -212,30 +194,6 @@ def test_the_sensor_is_started_and_stopped(netft: tuple[int, list[int]]) -> None
     port, _ = netft
     found = listen("127.0.0.1", port, 0.5)
     assert (found.records, found.newest is not None) == (20, True)
-
-
-# --- processor time -------------------------------------------------------------------------------
-
-
-def using(**shares: float) -> dict[str, Health]:
-    """Return the health of processes with real-time priority that use so much of a core."""
-    return {
-        role: Health(numbers={"processor_fraction": share}, counters={"realtime": 1})
-        for role, share in shares.items()
-    }
-
-
-def test_a_cell_leaves_room_on_every_core() -> None:
-    """Together within the kernel's limit for real time, and no loop near a whole core."""
-    assert judged(check_processor(using(robot=0.6, arbiter=0.7), 2, 0.95)) == ("PASS", False)
-    assert judged(check_processor(using(robot=0.7, arbiter=0.7), 2, 0.95)) == ("WARN", True)
-    assert judged(check_processor(using(robot=0.7, arbiter=0.7), 4, 0.95)) == ("PASS", False)
-    assert judged(check_processor(using(robot=0.8), 8, 0.95)) == ("WARN", True)
-    ordinary = {"robot": Health(numbers={"processor_fraction": 0.7})}
-    line = check_processor(using(arbiter=0.7) | ordinary, 2, 0.95)
-    text = "the cell uses 1.40 of 2 cores, 0.70 in real time; the kernel allows 0.95 of each"
-    assert (line.result, line.found) == ("PASS", text)
-    assert check_processor({"robot": Health()}, 2, 1.0).result == "PASS"  # of an older version
 
 
 @pytest.mark.parametrize(("runtime", "limit"), [("950000", 0.95), ("-1", 1.0), ("", 1.0)])

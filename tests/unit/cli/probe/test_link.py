@@ -151,13 +151,6 @@ def test_a_program_that_does_not_reply_is_an_error(monkeypatch: pytest.MonkeyPat
         opened(port)
 
 
-def test_a_reply_that_does_not_end_is_an_error(controller: ProbedController) -> None:
-    """It reports how much was received."""
-    link = controller.link()
-    with pytest.raises(ProbeError, match=r"`idle`: [0-9]+ lines and no `done idle` in 1 s"):
-        link.command("idle", 1.0)
-
-
 def test_a_late_reply_is_not_taken_for_the_next(controller: ProbedController) -> None:
     """A command that was given up is skipped with all of its lines."""
     link = controller.link()
@@ -184,8 +177,3 @@ def test_a_broken_connection_names_the_command(
     monkeypatch.setattr(link, "send", send_and_lose)
     with pytest.raises(ProbeError, match="`echo`: the connection broke: closed by"):
         link.command("echo")
-
-
-def test_an_unknown_command_gives_no_value(controller: ProbedController) -> None:
-    """Another version of the program may have it."""
-    assert controller.link().command("dance 1 2").numbers == {"unknown": [1.0]}

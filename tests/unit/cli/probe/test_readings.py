@@ -104,10 +104,3 @@ def test_the_ramp_comes_back_from_two_motions(ramp: float, slower: float) -> Non
     )
     found = ramp_s(TRAVEL_MM, SPEED_MM_S, slower=slower, later_s=0.5 * longer_s)
     assert found == pytest.approx(ramp, rel=1e-6)
-
-
-def test_a_short_motion_does_not_reach_its_speed() -> None:
-    """Its duration is that of a triangle, continuous with the trapezoid."""
-    assert duration_s(5.0, 10.0, 0.5) == pytest.approx(1.0)
-    assert duration_s(5.0, 10.0, 0.5 + 1e-9) == pytest.approx(1.0)
-    assert duration_s(5.0, 10.0, 2.0) == pytest.approx(2.0)

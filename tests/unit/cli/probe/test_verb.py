@@ -102,12 +102,14 @@ def test_the_last_stage_can_be_chosen(
     to: str, stages: tuple[str, ...], cell_file: Path, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    """Then nothing is asked; a line that differs is a failure."""
-    connected(monkeypatch, TEXT.replace("ROUND(-5.662)", "-5"))
+    """Then nothing is asked; a line that differs is a failure, one that is no result is shown."""
+    text = TEXT.replace("ROUND(-5.662)", "-5").replace('$fp.n="mspeed"', '$fp.n="m speed"')
+    connected(monkeypatch, text)
     out = tmp_path / "probe.yaml"
     done = run("probe", "--cell", cell_file, "--out", out, "--to", to, "--yes")
     assert done.exit_code == NOT_WELL
     assert "DIFFERS line.round: expected -6, found -5" in done.output
+    assert "stage a: not a result: m speed" in done.stderr
     assert read_probe(out).stages == stages
 
 
@@ -131,23 +133,12 @@ def test_an_interruption_closes_the_connection(
     assert not out.exists()
 
 
-def test_a_mistake_is_one_sentence(cell_file: Path, tmp_path: Path) -> None:
-    """A cell without a controller, a folder as the file, a file that cannot be written."""
-    done = run("probe", "--cell", ROOT / "cells" / "demo.yaml")
-    assert done.exit_code == USAGE
-    assert "gateway: the section is missing" in done.output
-    done = run("probe", "--cell", cell_file, "--out", tmp_path)
-    assert done.exit_code == USAGE
-    assert "is a folder; name a file" in done.output
-
-
 def test_a_controller_that_is_not_there_is_an_error(
     cell_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With its address and the remedy."""
     monkeypatch.setattr("cli.probe.link.LINK_WITHIN_S", 0.2)
-    text = cell_file.read_text().replace("port: 49152", "port: 8193")
-    cell_file.write_text(text)
+    cell_file.write_text(cell_file.read_text().replace("port: 49152", "port: 8193"))
     done = run("probe", "--cell", cell_file)
     assert done.exit_code == NOT_WELL
     assert "127.0.0.1:8193: no connection" in done.output
@@ -187,27 +178,3 @@ def test_a_cell_file_that_names_a_missing_or_wrong_probe_can_be_measured(
         assert run("probe", "--cell", cell_file, "--out", out, "--to", "a").exit_code == OK
         assert read_probe(out).stages == ("a",)
         out.write_text("probe: 99\n")
-
-
-def test_a_line_that_is_no_result_is_shown(
-    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is in no file."""
-    connected(monkeypatch, TEXT.replace('$fp.n="mspeed"', '$fp.n="m speed"'))
-    out = tmp_path / "probe.yaml"
-    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
-    assert "stage a: not a result: m speed" in done.stderr
-
-
-def test_a_file_that_cannot_be_written_is_an_error(
-    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The table has been printed all the same."""
-    connected(monkeypatch)
-    monkeypatch.setattr(probe_verb, "_refuse_unwritable", lambda _: None)
-    (tmp_path / "file").write_text("")
-    out = tmp_path / "file" / "probe.yaml"
-    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
-    assert done.exit_code == USAGE
-    assert "cannot be written" in done.output
-    assert "steps.alone_hz" in done.output

@@ -1,7 +1,7 @@
 """Presses of a recording, with the forecast of each beside what was measured."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.faults import tripped
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply, ServedRequest
+from services.recorder.reading import RecordedFile
 from tests.fakes import verb_calls
 from tests.fakes.bench import CELL
 from tests.fakes.recorded_cell import Job, recorded_from_start
@@ -72,15 +73,6 @@ def test_a_report_of_our_own_recording_has_forecast_and_measured(tmp_path: Path)
     assert "as forecast" in text
 
 
-def test_a_recording_without_a_press_has_no_section() -> None:
-    """Nor lines on the terminal."""
-    assert str(section_of([])) == ""
-    assert lines_of([]) == []
-    assert list(presses_of(content_of())) == []
-    unread: Any = None
-    assert forecast_rows(unread, CELL, content_of()) == []
-
-
 @pytest.mark.parametrize(
     ("payload", "accepted"),
     [
@@ -94,7 +86,9 @@ def test_a_recording_without_a_press_has_no_section() -> None:
 def test_what_is_no_press_has_no_forecast(payload: str, accepted: bool) -> None:
     """Refused, without a set point, a task, and what cannot be decoded."""
     request = served(topics.FORCE_START.key, payload, accepted=accepted)
-    assert list(presses_of(content_of((1.0, request)))) == []
+    content, unread = content_of((1.0, request)), cast("RecordedFile", None)
+    assert forecast_rows(unread, CELL, content) == []
+    assert str(section_of([])) == ""
 
 
 def test_a_press_ends_with_the_next_request_a_stop_or_the_recording() -> None:
@@ -169,10 +163,13 @@ def test_a_press_outside_of_the_map_shows_what_was_measured() -> None:
     assert fed.forecast is None
 
 
-def test_a_press_without_a_force_has_empty_rows() -> None:
-    """No wrench was recorded."""
-    settles, peak = rows(np.array([]), np.array([]))
-    assert (settles.measured, peak.measured) == (None, None)
+def test_the_moving_mean_is_of_the_last_samples() -> None:
+    """Of 8 ms; a constant stays."""
+    t_s = np.arange(0.0, 1.0, 0.004)
+    assert moving_mean(t_s, np.full(len(t_s), 3.0)) == pytest.approx(3.0)
+    step = moving_mean(t_s, (t_s >= 0.5).astype(float))
+    assert step[t_s >= 0.512] == pytest.approx(1.0)
+    assert 0.0 < step[np.searchsorted(t_s, 0.5)] < 1.0
 
 
 def test_verdicts_name_the_side() -> None:
@@ -184,12 +181,3 @@ def test_verdicts_name_the_side() -> None:
     assert lines_of([PressRow(1.0, "peak", "N", None, 3.0)]) == [
         "press at 1.00 s, peak: forecast -, measured 3 N"
     ]
-
-
-def test_the_moving_mean_is_of_the_last_samples() -> None:
-    """Of 8 ms; a constant stays."""
-    t_s = np.arange(0.0, 1.0, 0.004)
-    assert moving_mean(t_s, np.full(len(t_s), 3.0)) == pytest.approx(3.0)
-    step = moving_mean(t_s, (t_s >= 0.5).astype(float))
-    assert step[t_s >= 0.512] == pytest.approx(1.0)
-    assert 0.0 < step[np.searchsorted(t_s, 0.5)] < 1.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.report.log_mcap import McapTable, is_mcap
+from cli.report.log_mcap import McapTable
 from cli.report.log_table import read_numbers
 from forcemesh.errors import DataError
 from tests.fakes.force_logs import WRENCH_STAMPED, Message, json_messages, wrench_cdr, write_mcap
@@ -32,20 +32,19 @@ def test_a_wrench_in_cdr_is_read_to_the_last_digit(
     assert (found["stamp_s"][0], found["log_time_s"][0]) == (7.25, 9.0)
 
 
-def test_a_wrench_stamped_has_the_published_size() -> None:
-    """76 bytes for a name of 11 letters: 4 + 12 + 12 + 48."""
-    assert len(wrench_cdr(1.0, SIX, frame="tool_sensor")) == 76
-
-
 def test_a_wrench_without_a_stamp_has_the_time_of_the_file(tmp_path: Path) -> None:
-    """As geometry_msgs/Wrench, in the older form of its name too."""
+    """As geometry_msgs/Wrench, in the older form of its name too; in the order of these times."""
+    assert len(wrench_cdr(1.0, SIX, frame="tool_sensor")) == 76  # as published: 4 + 12 + 12 + 48
     data = wrench_cdr(0.0, SIX, frame="")[-48:]
     for name in ("geometry_msgs/msg/Wrench", "geometry_msgs/Wrench"):
-        messages: list[Message] = [(3.0, b"\x00\x01\x00\x00" + data)]
+        wrench = b"\x00\x01\x00\x00" + data
+        messages: list[Message] = [(3.0, wrench), (2.0, wrench)]
         path = write_mcap(tmp_path / "log.mcap", {("/ft", name, "cdr"): messages})
         table = McapTable(path, None)
         assert table.time_names == ("log_time_s",)
-        assert read_numbers(table, ("force.z",))["force.z"].tolist() == [3.0]
+        found = read_numbers(table, ("log_time_s", "force.z"))
+        assert found["log_time_s"].tolist() == [2.0, 3.0]
+        assert found["force.z"].tolist() == [3.0, 3.0]
 
 
 def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
@@ -63,13 +62,6 @@ def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
     assert str(found["wrench.force.z"][1]) == "nan"
     with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a number within"):
         read_numbers(table, ("note",))
-
-
-def test_messages_are_in_the_order_of_the_files_times(tmp_path: Path) -> None:
-    """A recorder may write them in another order."""
-    messages = json_messages(JSON)[::-1]
-    table = McapTable(write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages}), "/ft")
-    assert read_numbers(table, ("fz",))["fz"].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_the_only_topic_that_can_be_read_is_taken_and_noted(tmp_path: Path) -> None:
@@ -129,13 +121,3 @@ def test_a_truncated_file_is_read_up_to_its_end_and_noted(tmp_path: Path) -> Non
     found = read_numbers(table, ("fz",))["fz"]
     assert 1000 < len(found) < rows
     assert table.notes == ["the file is truncated: read up to its end"]
-
-
-def test_mcap_is_recognised_by_its_first_bytes(tmp_path: Path) -> None:
-    """Whatever its name."""
-    path = write_mcap(tmp_path / "a.bin", {})
-    assert is_mcap(path)
-    path.write_text("t,fz\n")
-    assert not is_mcap(path)
-    with pytest.raises(DataError, match="cannot be read"):
-        is_mcap(tmp_path / "none")

@@ -3,10 +3,7 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cli.report.log_table import KINDS, MISSING, CsvTable, number_in, read_numbers
 from forcemesh.errors import DataError
@@ -35,13 +32,6 @@ def test_every_usual_form_of_a_csv_file_is_read(tmp_path: Path, text: str) -> No
     found = read_numbers(table(tmp_path, text), ("fz", "t"))
     assert found["t"].tolist() == [0.0, 0.5]
     assert found["fz"].tolist() == [1.5, 2.0]
-
-
-@given(st.floats(-1e30, 1e30))
-def test_every_number_is_read_to_the_last_digit(value: float) -> None:
-    """As text and as a number."""
-    assert number_in(repr(value)) == value
-    assert number_in(value) == value
 
 
 @pytest.mark.parametrize("cell", [*sorted(MISSING), " NaN ", None])
@@ -106,16 +96,3 @@ def test_a_file_of_another_kind_is_refused_with_the_remedy(
     with pytest.raises(DataError, match=r"log\.csv: ") as raised:
         CsvTable(path)
     assert sentence in str(raised.value)
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """With the reason of the system."""
-    with pytest.raises(DataError, match=r"none.csv: cannot be read: No such file"):
-        CsvTable(tmp_path / "none.csv")
-
-
-def test_a_header_alone_is_a_table_without_rows(tmp_path: Path) -> None:
-    """Its columns are empty arrays."""
-    found = read_numbers(table(tmp_path, "t,fz\n"), ("t", "fz"))
-    assert [len(values) for values in found.values()] == [0, 0]
-    assert isinstance(found["t"], np.ndarray)

@@ -51,12 +51,6 @@ def test_a_thinned_path_keeps_its_ends_and_stays_near_every_pose(recorded, toler
             assert off <= tolerance_m + np.linalg.norm(b - a) / 399
 
 
-def test_a_straight_path_keeps_only_its_ends() -> None:
-    """A thousand poses on a line become two."""
-    line = [pose((0.001 * n, 0.0, 0.0), np.eye(3)) for n in range(1000)]
-    assert len(thinned(line, 1e-6)) == 2
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

@@ -115,13 +115,3 @@ def test_the_verb_prints_each_contact_and_the_figures(cell: SkillCell, monkeypat
     assert len(done.stderr.splitlines()) == 2
     first = pressing.TouchResult(tuple(values["touches"][0]["tcp_mm"]), 0.0, 0.0)
     assert contact_text(first).partition(" after")[0] in done.stderr
-
-
-def test_repeated_touches_need_a_distance(cell: SkillCell, monkeypatch) -> None:
-    """Without a retraction there is no second touch; the default is 5 mm."""
-    done = call_verb(monkeypatch, cell.client, no_progress, "touch", "--repeat", "2", "--back", "0")
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert done.stderr.startswith("--back 0: repeated touches need a distance to retract")
-    start = cell.p_tcp()
-    assert call_verb(monkeypatch, cell.client, no_progress, "touch", "--repeat", "2").exit_code == 0
-    assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(GAP_MM - 5.0, abs=0.4)

@@ -64,16 +64,9 @@ def test_touch_finds_the_surface_and_retracts(cell: SkillCell) -> None:
     target = cell.client.target.reading().message
     assert target is not None
     assert target.mode is None
-
-
-def test_touch_reports_its_peak_force(cell: SkillCell) -> None:
-    """The peak includes the time until the arm rests; a second touch needs no travel."""
-    found = pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.0)
-    for _ in range(100):
-        cell.world.advance(0.002)
-        assert cell.client.force.pressed_N() < found.peak_N + 0.3  # noise of the sensor
+    pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.0)
     again = pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.0)
-    assert 0.0 <= again.travel_mm < 0.05
+    assert 0.0 <= again.travel_mm < 0.05  # in contact already
 
 
 def test_touch_ends_after_the_permitted_travel(cell: SkillCell) -> None:
@@ -150,15 +143,6 @@ def test_follow_keeps_the_force_on_a_path(cell: SkillCell) -> None:
         points = [np.array(point) for point in wrong]
         with pytest.raises(DataError, match=problem):
             following.follow(cell.client, points, parameters, start_request(8.0), within_s=5.0)
-    far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
-    with pytest.raises(DataError, match="starts 1000 mm away from the tool"):
-        following.follow(
-            cell.client,
-            far,
-            following.PathParameters(0.02),
-            start_request(8.0),
-            within_s=5.0,
-        )
 
 
 def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_path) -> None:
@@ -206,16 +190,6 @@ def test_a_hold_by_another_client_ends_a_skill_with_its_reason(cell: SkillCell) 
         )
 
 
-def test_a_press_names_a_frozen_service(cell: SkillCell) -> None:
-    """The error gives the reason of the stop and does not question whether the cell is up."""
-
-    def freeze(*_progress: object) -> None:
-        cell.world.runners.pop("wrench", None)
-
-    with pytest.raises(ArmStoppedError, match=r"the arm was stopped.*wrench"):
-        pressing.press(cell.client, start_request(8.0), hold_s=2.0, within_s=5.0, progress=freeze)
-
-
 def test_ctrl_c_holds_the_arm(cell: SkillCell, monkeypatch) -> None:
     """During an approach the verb ends with 130, and the arbiter is HOLDING."""
 
@@ -245,9 +219,7 @@ def test_the_verbs_print_a_line_or_an_object(cell: SkillCell, monkeypatch, tmp_p
         (("follow", str(path), "--speed", "100"), 2, "force.speed_max_m_s allows 50 mm/s"),
         (("follow", str(path)), 2, "away from the tool: move there first"),
         (("press", "50"), 3, "refused (setpoint): set point above force.setpoint_max_N"),
-        (("guide", "--record", "a", "--playback", "b"), 2, "cannot be combined"),
         (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),
-        (("guide", "--speed", "5"), 2, "--speed requires --playback"),
     ):
         done = call_verb(monkeypatch, cell.client, no_progress, *words)
         # The press left the tool loaded, which is printed first.

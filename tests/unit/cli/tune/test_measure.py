@@ -219,20 +219,6 @@ def test_the_verb_writes_and_sets_nothing_outside_the_range_of_the_law(
     assert not written.exists()
 
 
-def test_ctrl_c_during_the_steps_holds_the_arm(monkeypatch) -> None:
-    """The verb ends with 130, the arbiter is HOLDING."""
-    cell = TuneCell()
-
-    def interrupt(done, _total, _text) -> None:
-        if done > 0.3:
-            raise KeyboardInterrupt
-
-    done = call_verb(monkeypatch, cell.client, interrupt, "tune")
-    assert (done.exit_code, done.stderr) == (130, "interrupted: the arm holds\n")
-    cell.world.advance(0.1)
-    assert cell.client.status().state == "HOLDING"
-
-
 def run(cell: TuneCell, trial: TuningTrial) -> Readings:
     """Measure only the steps."""
     return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from sim.as_language import keywords
-from sim.as_language.lint import check_text
 from sim.as_language.special_functions import ALL_NAMES
 
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "as-emulator.md").read_text("utf-8")
@@ -32,12 +31,3 @@ def listed(title: str) -> set[str]:
 def test_the_page_lists_every_name_once(title: str, known: set[str]) -> None:
     """Executed, computed and merely parsed names."""
     assert listed(title) == known
-
-
-def test_the_example_of_the_page_is_the_output_of_the_check() -> None:
-    """Two findings of the example, word for word."""
-    body = ["x = 1"] * 8 + ["y = NOT x == 2", "x = 1", "GUNON 1,50"]
-    text = "\n".join([".SYSDATA", ".END", "", ".PROGRAM main", *body, ".END"])
-    for finding in check_text(text, "press.as").findings:
-        sentence = str(finding).split(": ", 1)[1]
-        assert sentence in PAGE

@@ -11,41 +11,18 @@ from sim.as_language.lines import parse_line
 from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Namespace
 from sim.as_language.parser import parse
-from sim.as_language.values import Joints, Transformation, Value, joints
+from sim.as_language.values import Joints, Transformation, Value
 
 HERE = Transformation(1.0, 2.0, 3.0, 10.0, 20.0, 30.0)
 HERE_JOINTS = Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-SWITCHES = {"cp": True, "power": False}
 
 
-def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
-    """Return a controller at rest; the test sets its signals and its last error."""
+def standing_machine() -> MachineInterface:
+    """Return a controller at rest: only what expressions without effect read."""
     return cast("MachineInterface", SimpleNamespace(
         here=lambda: HERE,
         here_joints=lambda: HERE_JOINTS,
-        destination=lambda: Transformation(9.0),
-        destination_joints=lambda: joints(9.0),
-        home_joints=lambda number: joints(float(number)),
-        base=lambda: Transformation(z=100.0),
-        tool=lambda: Transformation(z=50.0),
         transformation_of=lambda q: Transformation(*q.values),
-        in_range=lambda place, _: 32768 if place.numbers()[0] > 1000.0 else 0,
-        monitor_speed_percent=lambda: 10.0,
-        motor_current_A=lambda joint: joint / 10.0,
-        motor_torque_Nm=lambda joint: joint / 8.0,
-        signal=lambda number: number in signals,
-        switch=lambda name: SWITCHES[name],
-        task_of=lambda name: 1 if name == "main" else -1,
-        task_state=lambda number: int(number == 1),
-        error_number=lambda: errors[-1],
-        timer_s=lambda number: 0.5 * number,
-        time_ms=lambda: "12:34:56.789",
-        user_timer_s=lambda zero_ms: 5.0 - zero_ms * 1e-3,
-        system_number=lambda *asked: float(sum(asked[1:]) + (asked[0] == "step")),
-        system_text=str.upper,
-        random=lambda: 0.25,
-        date=lambda: "26/01/02",
-        time=lambda: "12:34:56",
         has_program=lambda name: name == "main",
     ))  # fmt: skip
 
@@ -53,13 +30,11 @@ def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
 class AsLanguage:
     """Memory, locals of one call and a machine, for expressions and assignments."""
 
-    def __init__(self, *assignments: str) -> None:
+    def __init__(self, *assignments: str, machine: MachineInterface | None = None) -> None:
         self.memory = Namespace()
         self.locals = Locals()
-        self.signals: set[int] = set()
-        self.errors = [0]
         self.globals = self.memory
-        self.machine = standing_machine(self.signals, self.errors)
+        self.machine = machine or standing_machine()
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":

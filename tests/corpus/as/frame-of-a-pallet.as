@@ -3,6 +3,7 @@
 ; after: y = 230 +- 0.01
 ; after: z = 50 +- 0.01
 ; after: turned = 90 +- 0.01
+; after: raised = 55 +- 0.01
 ; after: r.x = -1 +- 0.00001
 ; after: r.z = 45 +- 0.001
 ; after: inverse = 0 +- 0.001
@@ -16,6 +17,7 @@
   y=DY(place)
   z=DZ(place)
   turned=DEXT(pallet,4)+DEXT(pallet,6)
+  raised=DZ(pallet+TRANS(0,0,5))
   POINT .a=RX(90)+TRANS(0,0,1)
   r.x=DY(.a)
   POINT .b=RZ(45)

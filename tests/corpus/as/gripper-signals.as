@@ -1,6 +1,7 @@
 ; Close, wait for the finger, pulse a blower, read eight inputs as a number.
 ; after: closed = -1
 ; after: opened = 0
+; after: not.both = 0
 ; after: blown = -1
 ; after: over = 0
 ; after: word = 165
@@ -12,10 +13,11 @@
   SIGNAL 1,-2
   closed=SIG(1,-2)
   opened=SIG(2)
+  not.both=SIG(1,2)
   PULSE 5,0.1
   blown=SIG(5)
   TIMER 1=0
-  SWAIT -5
+  SWAIT 1,-5
   waited=TIMER(1)
   over=SIG(5)
   BITS 11,8=165

@@ -5,6 +5,7 @@
 ; after: aborted = 0
 ; after: killed = 0
 ; after: paced = -1
+; after: halves = 2
 .PROGRAM main()
   ticks=0
   cycles=0
@@ -26,6 +27,12 @@
   TWAIT 0.05
   PCKILL 3:
   killed=TASK(1003)
+  ; PCEND waits for the end of the cycle
+  halves=0
+  PCEXECUTE 4: slow,-1
+  TWAIT 0.02
+  PCEND 4:
+  WAIT TASK(1004)==0
 .END
 .PROGRAM counter()
   PCSCAN 0.02
@@ -43,4 +50,9 @@
   WHILE TRUE DO
     TWAIT 0.01
   END
+.END
+.PROGRAM slow()
+  halves=halves+1
+  TWAIT 0.05
+  halves=halves+1
 .END

@@ -77,23 +77,6 @@ def test_noise_free_truth_is_recovered_exactly(seed, poses, mass, com, bias):
     np.testing.assert_allclose(found.payload.bias_torque_Nm, bias[3:], atol=1e-5)
 
 
-def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
-    """Over 60 noisy recordings of six poses, for each parameter: neither too small nor large."""
-    errors, reported = [], []
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        found = identify_payload(readings(TRUTH, attitudes(rng, 6), rng))
-        if found.chosen.model.name == "plain":
-            names = ("mass_kg", "com_m", "bias_force_N", "bias_torque_Nm")
-            errors.append(np.hstack([getattr(found.payload, n) for n in names]))
-            reported.append(np.hstack([getattr(found.std, n) for n in names]))
-    truth = [1.5, *TRUTH.com_m, *TRUTH.bias_force_N, *TRUTH.bias_torque_Nm]
-    real = np.sqrt(np.mean((np.array(errors) - truth) ** 2, axis=0))
-    claimed = np.sqrt(np.mean(np.array(reported) ** 2, axis=0))
-    assert len(errors) > 50
-    assert np.exp(np.log(real / claimed).mean()) == pytest.approx(1.0, abs=0.1)
-
-
 def test_noise_of_force_and_torque_is_estimated_separately():
     """Each block has its own variance, so the unit of neither weighs on the other."""
     rng = np.random.default_rng(1)
@@ -149,37 +132,6 @@ def test_a_turned_sensor_is_found_where_twelve_poses_show_it(seed, angle_deg):
     assert (force, torque) < (10 * FORCE_NOISE_N, 10 * TORQUE_NOISE_NM)
 
 
-@QUICK
-@given(seed=seeds)
-def test_tilt_and_mounting_together_are_found(seed):
-    """Both corrections are kept when each of them is there."""
-    rng = np.random.default_rng(seed)
-    truth = tilted(2.0, rng, mounted(3.0, rng))
-    found = identify_payload(readings(truth, attitudes(rng, 16), rng))
-    assert found.chosen.model.name == "tilt+mounting"
-    assert worst_error(found.payload, truth, rng)[0] < 10 * FORCE_NOISE_N
-
-
-def test_noise_alone_does_not_select_a_larger_model():
-    """Without tilt or mounting error at most one recording in twenty gets a model with one."""
-    names = []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        names.append(identify_payload(readings(TRUTH, attitudes(rng, 8), rng)).chosen.model.name)
-    assert names.count("plain") >= 19
-
-
-def test_a_gain_error_of_one_axis_is_not_explained_away_by_tilt_or_mounting():
-    """An error with another cause must not be hidden in a tilt or a mounting."""
-    rng = np.random.default_rng(3)
-    samples = readings(TRUTH, attitudes(rng, 8), rng)
-    wrong = Samples(samples.R_base_sensor, samples.force_N * [1.0, 1.0, 1.06], samples.torque_Nm)
-    found = identify_payload(wrong)
-    assert found.chosen.model.name == "gain"
-    ratio = found.payload.force_gain[2] / np.array(found.payload.force_gain[:2])
-    np.testing.assert_allclose(ratio, 1.06, atol=0.005)
-
-
 def test_a_tilt_that_only_the_torque_shows_is_not_selected():
     """A true tilt rotates force and torque alike; one that worsens the force is another error."""
     rng = np.random.default_rng(15)
@@ -228,14 +180,6 @@ def test_gravity_that_points_up_is_fitted_and_reported():
     assert any("gravity points up" in warning for warning in found.warnings)
 
 
-def test_a_leave_one_out_error_is_larger_than_the_residual_of_the_fit():
-    """A pose outside the fit is predicted worse than one of the fit."""
-    rng = np.random.default_rng(6)
-    chosen = identify_payload(readings(TRUTH, attitudes(rng, 6), rng)).chosen
-    assert chosen.loo_force_N > chosen.rms_force_N > 0.0
-    assert chosen.loo_torque_Nm > chosen.rms_torque_Nm > 0.0
-
-
 def test_many_rows_of_one_dwell_are_one_pose():
     """A pose recorded at 500 rows neither hides too few poses nor outweighs the others."""
     rng = np.random.default_rng(7)
@@ -244,3 +188,20 @@ def test_many_rows_of_one_dwell_are_one_pose():
     assert len(identify_payload(readings(TRUTH, dwells, rng)).residual.force_N) == 6
     with pytest.raises(DataError, match=r"only 3 distinct pose"):
         identify_payload(readings(TRUTH, np.repeat(R[:3], 100, axis=0), rng))
+
+
+def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
+    """Over 40 noisy recordings of six poses, for each parameter: neither too small nor large."""
+    errors, reported = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        found = identify_payload(readings(TRUTH, attitudes(rng, 6), rng))
+        if found.chosen.model.name == "plain":
+            names = ("mass_kg", "com_m", "bias_force_N", "bias_torque_Nm")
+            errors.append(np.hstack([getattr(found.payload, n) for n in names]))
+            reported.append(np.hstack([getattr(found.std, n) for n in names]))
+    truth = [1.5, *TRUTH.com_m, *TRUTH.bias_force_N, *TRUTH.bias_torque_Nm]
+    real = np.sqrt(np.mean((np.array(errors) - truth) ** 2, axis=0))
+    claimed = np.sqrt(np.mean(np.array(reported) ** 2, axis=0))
+    assert len(errors) > 33
+    assert np.exp(np.log(real / claimed).mean()) == pytest.approx(1.0, abs=0.1)

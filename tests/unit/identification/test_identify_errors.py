@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.payload import WORLDS, CellErrors, compared, read, recording, trial, truth
-from bench.payload_peers import kth, lsm
+from bench.payload_peers import lsm
 from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import bias_since_end, residual
@@ -57,12 +57,6 @@ def test_without_a_model_error_none_is_fitted(poses):
     assert (found["ours"].mean(axis=0) <= 1.03 * found["LSM-short"].mean(axis=0)).all()
 
 
-def test_ten_poses_are_enough_also_on_a_tilted_base_with_a_turned_sensor():
-    """Over 200 orientations at most 0.02 N and 1 mN·m, in the mean of every recording."""
-    left = np.array([trial(CellErrors(1.0, 1.0), seed)[0] for seed in range(4)])
-    assert (left <= [0.02, 0.001]).all()
-
-
 def test_standard_deviations_are_correct_also_for_tilt_and_mounting():
     """Of 12 recordings' 180 numbers, 88 to 99 per cent are within two standard deviations."""
     found = [trial(CellErrors(1.0, 1.0), seed)[1] for seed in range(12)]
@@ -87,18 +81,6 @@ def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
             torque_Nm=train.torque_Nm[pose],
         )
         np.testing.assert_allclose(left_out[:, pose], found, atol=1e-5)
-
-
-@settings(QUICK, max_examples=4)
-@given(seed=seeds)
-def test_the_published_methods_agree_where_they_must(seed):
-    """One stacked system and two separate ones share no unknown: they are the same fit."""
-    rng = np.random.default_rng(seed)
-    train, _ = recording(truth(WORLDS["all of them"], rng), 8, 0, rng)
-    a, b = lsm(train), kth(train)
-    assert a.mass_kg == pytest.approx(b.mass_kg)
-    np.testing.assert_allclose(a.com_m, b.com_m, atol=1e-9)
-    np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-9)
 
 
 def test_a_curved_drift_is_identified():

@@ -22,36 +22,33 @@ from tests.fakes.weights import (
 )
 
 
-@pytest.mark.parametrize("poses", [1, 2, 3])
-def test_fewer_than_four_poses_are_refused(poses):
-    """The error counts the poses and gives the remedy."""
-    rng = np.random.default_rng(8)
-    with pytest.raises(DataError, match=rf"only {poses} distinct pose.*two axes"):
-        identify_payload(readings(TRUTH, attitudes(rng, poses), rng))
+def about(axis, angles):
+    """Return rotations about one axis."""
+    return [rotation_from_vector(angle * np.array(axis)) for angle in angles]
 
 
-def test_poses_that_hardly_differ_are_refused_with_their_spread():
-    """Four degrees to each side leave mass and bias inseparable."""
-    turns = np.radians(4.0) * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    R = np.array([rotation_from_vector(turn) for turn in turns])
-    with pytest.raises(DataError, match=r"differ by only 8 degrees.*at least 60 degrees"):
-        identify_payload(readings(TRUTH, R))
+FLIPPED = [np.eye(3), np.diag([1.0, -1.0, -1.0])]
 
 
-def test_poses_turned_about_the_vertical_only_are_refused():
-    """The direction of gravity must change in the sensor to separate weight from bias."""
-    R = np.array([rotation_from_vector(np.array([0.0, 0.0, a])) for a in np.arange(0.0, 3.0, 0.5)])
-    with pytest.raises(DataError, match="turns about the vertical"):
-        identify_payload(readings(TRUTH, R))
-
-
-def test_poses_that_flip_between_two_directions_of_gravity_are_refused():
-    """Two directions leave the centre of mass along their difference unknown."""
-    flips = [np.diag([1.0, -1.0, -1.0]), np.eye(3)]
-    spins = [rotation_from_vector(np.array([0.0, 0.0, a])) for a in (0.0, 1.0, 2.0)]
-    R = np.array([spin @ flip for spin in spins for flip in flips])
-    with pytest.raises(DataError, match="about one axis only"):
-        identify_payload(readings(TRUTH, R))
+@pytest.mark.parametrize(
+    ("attitudes_of_poses", "problem"),
+    [
+        (about((1.0, 0.0, 0.0), (0.0, 1.0, 2.0)), r"only 3 distinct pose.*two axes"),
+        (
+            about((1.0, 0.0, 0.0), (-0.07, 0.07)) + about((0.0, 1.0, 0.0), (-0.07, 0.07)),
+            r"differ by only 8 degrees.*at least 60 degrees",
+        ),
+        (about((0.0, 0.0, 1.0), np.arange(0.0, 3.0, 0.5)), "turns about the vertical"),
+        (
+            [turn @ flip for turn in about((0.0, 0.0, 1.0), (0.0, 1.0, 2.0)) for flip in FLIPPED],
+            "about one axis only",
+        ),
+    ],
+)
+def test_poses_that_cannot_separate_weight_from_bias_are_refused(attitudes_of_poses, problem):
+    """Too few, too close, about the vertical only, or with two directions of gravity."""
+    with pytest.raises(DataError, match=problem):
+        identify_payload(readings(TRUTH, np.array(attitudes_of_poses)))
 
 
 def test_a_recording_without_weight_is_refused():
@@ -100,14 +97,7 @@ def test_ambiguous_axes_are_refused_with_the_option_to_use():
 
 
 def test_a_payload_file_round_trips(tmp_path):
-    """Every field comes back as it was written."""
-    payload = tilted(3.0, np.random.default_rng(12), mounted(5.0, np.random.default_rng(13)))
-    save(payload, tmp_path / "payload.yaml")
-    assert load(tmp_path / "payload.yaml") == payload
-
-
-def test_a_payload_file_with_gain_and_drift_round_trips(tmp_path):
-    """The two corrections that a recording may add, and the clock of the drift."""
+    """With tilt, mounting, gain, and the clock of the drift."""
     drift = BiasDrift(
         start_s=10.0,
         end_s=70.0,
@@ -115,7 +105,8 @@ def test_a_payload_file_with_gain_and_drift_round_trips(tmp_path):
         torque_Nm=(0.1, 0.0, 0.0),
         force_bend_N=(0.2, 0.0, 0.0),
     )
-    payload = TRUTH.model_copy(
+    leaning = tilted(3.0, np.random.default_rng(12), mounted(5.0, np.random.default_rng(13)))
+    payload = leaning.model_copy(
         update={"force_gain": (1.03, 0.98, 1.0), "torque_gain": (1.0, 1.1, 0.9), "drift": drift}
     )
     save(payload, tmp_path / "payload.yaml")
@@ -130,37 +121,24 @@ bias_torque_Nm: [0, 0, 0]
 """
 
 
+def test_a_payload_file_written_by_hand_may_leave_out_the_corrections(tmp_path):
+    """1e-1 is accepted as a number, and gravity points down by default."""
+    path = tmp_path / "payload.yaml"
+    path.write_text(GOOD)
+    payload = load(path)
+    assert (payload.mass_kg, payload.drift) == (0.1, None)
+    assert payload.gravity_direction_in_base == (0.0, 0.0, -1.0)
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (
-            GOOD.replace("mass_kg: 1e-1", "mass_kg: .nan"),
-            "mass_kg: must be a finite number, found nan",
-        ),
-        (
-            GOOD.replace("mass_kg: 1e-1", "mass_kg: heavy"),
-            "mass_kg: must be a number, found 'heavy'",
-        ),
-        (GOOD.replace("mass_kg: 1e-1", "mass_kg: true"), "mass_kg: must be a number, found True"),
-        (
-            GOOD.replace("mass_kg: 1e-1", "mass_kg: -1"),
-            "mass_kg: must be at least 0 kg, found -1 kg",
-        ),
+        (GOOD.replace("1e-1", ".nan"), "mass_kg: must be a finite number, found nan"),
+        (GOOD.replace("1e-1", "-1"), "mass_kg: must be at least 0 kg, found -1 kg"),
         (GOOD.replace("mass_kg: 1e-1\n", ""), "mass_kg: missing"),
-        (GOOD.replace("[0, 0, 0.1]", "[0, 0]"), r"com_m\.2: missing"),
-        (
-            GOOD.replace("[0, 0, 0.1]", "[0, 0, .inf]"),
-            r"com_m\.2: must be a finite number, found inf",
-        ),
         (GOOD.replace("com_m", "com_mm"), r"unknown key com_mm; did you mean com_m\?"),
-        (
-            GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n",
-            "direction has length 9.8",
-        ),
+        (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "direction has length 9.8"),
         (GOOD + "force_gain: [1, 1, 3]\n", r"force_gain\.2: must be at most 1\.5, found 3"),
-        (GOOD + "drift: 3\n", "drift: must be a section of names and values, found 3"),
-        (GOOD + "drift: {start_s: 0}\n", r"drift\.end_s: missing"),
-        (GOOD + "drift: {start: 0}\n", r"unknown key start; did you mean start_s\?"),
         (
             GOOD + "drift: {start_s: 9, end_s: 9, force_N: [0, 0, 0], torque_Nm: [0, 0, 0]}\n",
             "end_s must be after start_s",
@@ -175,15 +153,3 @@ def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, pro
     path.write_text(text)
     with pytest.raises(DataError, match=rf"payload\.yaml.*{problem}"):
         load(path)
-
-
-def test_a_payload_file_written_by_hand_may_leave_out_the_corrections(tmp_path):
-    """1e-1 is accepted as a number, and gravity points down by default."""
-    path = tmp_path / "payload.yaml"
-    path.write_text(GOOD)
-    assert load(path) == Payload(
-        mass_kg=0.1,
-        com_m=(0.0, 0.0, 0.1),
-        bias_force_N=(0.0, 0.0, 0.0),
-        bias_torque_Nm=(0.0, 0.0, 0.0),
-    )

@@ -55,80 +55,10 @@ def test_a_wrench_in_base_axes_is_rotated_into_sensor_axes_with_the_same_referen
     np.testing.assert_allclose(R @ turned.torque_Nm[0], kept.torque_Nm[0], atol=1e-12)
 
 
-@pytest.mark.parametrize("column", COLUMNS)
-def test_a_missing_column_is_named(tmp_path, column):
-    """Each of the fourteen columns must be there."""
-    header = HEADER.replace(column + ",", "", 1) if column != "tz" else HEADER[:-3]
-    with pytest.raises(DataError, match=rf"poses\.csv, line 1: column {column} is missing"):
-        read_recording(written(tmp_path, header, ROW))
-
-
-def test_a_duplicate_column_is_named(tmp_path):
-    """Two columns of one name are ambiguous."""
-    with pytest.raises(DataError, match=r"poses\.csv, line 1: column fx occurs 2 times"):
-        read_recording(written(tmp_path, HEADER + ",fx", ROW + ",1"))
-
-
-@pytest.mark.parametrize("column", COLUMNS)
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("abc", "'abc' is not a number"),
-        ("1_0", "'1_0' is not a number"),
-        ("nan", "nan is not a finite number"),
-        ("-inf", "-inf is not a finite number"),
-        ("1e999", "1e999 is not a finite number"),
-        ("", "no value"),
-    ],
-)
-def test_a_cell_that_is_no_finite_number_is_named(tmp_path, column, text, problem):
-    """Text, NaN, infinity, overflow and emptiness are refused in every column."""
-    path = written(tmp_path, HEADER, ROW, cells(**{column: text}))
-    with pytest.raises(
-        DataError, match=re.escape(f"poses.csv, line 3, column {column}: {problem}")
-    ):
-        read_recording(path)
-
-
-@pytest.mark.parametrize(
-    ("row", "problem"),
-    [
-        (ROW.rsplit(",", 2)[0], ", column ty: no value; the row has 12 of 14 values"),
-        (ROW + ",7", ", column 15: the row has 15 values, the header only 14 columns"),
-    ],
-)
-def test_a_ragged_row_is_named(tmp_path, row, problem):
-    """A row is as long as the header."""
-    with pytest.raises(DataError, match=re.escape("poses.csv, line 3" + problem)):
-        read_recording(written(tmp_path, HEADER, ROW, row))
-
-
-@pytest.mark.parametrize("scale", [0.0, 0.998, 1.002, 2.0])
-def test_a_quaternion_that_is_not_of_unit_length_is_refused(tmp_path, scale):
-    """The length must be 1 within a thousandth."""
-    row = cells(qz=str(0.6 * scale), qw=str(0.8 * scale))
-    with pytest.raises(DataError, match=r"poses\.csv, line 3, columns qx to qw: .*length"):
-        read_recording(written(tmp_path, HEADER, ROW, row))
-
-
 def test_a_rounded_quaternion_is_normalised(tmp_path):
     """Four digits are enough to give an orthonormal matrix."""
     R = read_recording(written(tmp_path, HEADER, cells(qz="0.6005", qw="0.8"))).R_base_sensor[0]
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
-
-
-def test_a_file_without_rows_is_refused(tmp_path):
-    """A header without rows is not a recording."""
-    with pytest.raises(DataError, match=r"poses\.csv, line 2: no rows"):
-        read_recording(written(tmp_path, HEADER))
-
-
-def test_an_empty_file_is_refused(tmp_path):
-    """The error gives the header that an empty file lacks."""
-    path = tmp_path / "poses.csv"
-    path.write_bytes(b"")
-    with pytest.raises(DataError, match=rf"poses\.csv, line 1: the file is empty; .*{HEADER}"):
-        read_recording(path)
 
 
 def test_a_folder_or_a_missing_file_is_refused(tmp_path):
@@ -139,16 +69,70 @@ def test_a_folder_or_a_missing_file_is_refused(tmp_path):
         read_recording(tmp_path / "none.csv")
 
 
-@pytest.mark.parametrize("content", [HEADER.encode("utf-16"), b"\xff\xfe\x00", b"t,x\xe9"])
-def test_a_file_in_another_encoding_is_refused(tmp_path, content):
-    """Bytes that are not UTF-8 are refused."""
-    path = tmp_path / "poses.csv"
-    path.write_bytes(content)
-    with pytest.raises(DataError, match=r"poses\.csv: is not UTF-8 text"):
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        ([HEADER.replace("qx,", ""), ROW], "line 1: column qx is missing"),
+        ([HEADER + ",fx", ROW + ",1"], "line 1: column fx occurs 2 times"),
+        ([HEADER], "line 2: no rows"),
+        ([HEADER, ROW, ROW.rsplit(",", 2)[0]], "line 3, column ty: no value; the row has 12 of 14"),
+        ([HEADER, ROW, ROW + ",7"], "line 3, column 15: the row has 15 values, the header only 14"),
+        ([HEADER, ROW, '"' + ROW], "line 3: is not CSV text"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_its_line(tmp_path, lines, problem):
+    """A missing or double column, no rows, a ragged row, an open quote."""
+    with pytest.raises(DataError, match=re.escape(f"poses.csv, {problem}")):
+        read_recording(written(tmp_path, *lines))
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_every_column_is_needed_and_must_be_finite(tmp_path, column):
+    """Each of the fourteen."""
+    others = [name for name in COLUMNS if name != column]
+    with pytest.raises(DataError, match=f"line 1: column {column} is missing"):
+        read_recording(written(tmp_path, ",".join(others), ROW))
+    path = written(tmp_path, HEADER, ROW, cells(**{column: "nan"}))
+    with pytest.raises(DataError, match=f"line 3, column {column}: nan is not a finite number"):
         read_recording(path)
 
 
-def test_text_that_is_not_csv_is_refused_with_its_line(tmp_path):
-    """The error of an unclosed quote names the line where reading stopped."""
-    with pytest.raises(DataError, match=r"poses\.csv, line 3: is not CSV text"):
-        read_recording(written(tmp_path, HEADER, ROW, '"' + ROW))
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("abc", "'abc' is not a number"),
+        ("1_0", "'1_0' is not a number"),
+        ("-inf", "-inf is not a finite number"),
+        ("1e999", "1e999 is not a finite number"),
+        ("", "no value"),
+    ],
+)
+def test_a_cell_that_is_no_finite_number_is_named(tmp_path, text, problem):
+    """Text, infinity, overflow and emptiness."""
+    path = written(tmp_path, HEADER, cells(fz=text))
+    with pytest.raises(DataError, match=f"poses.csv, line 2, column fz: {problem}"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("scale", [0.998, 1.002])
+def test_a_quaternion_that_is_not_of_unit_length_is_refused(tmp_path, scale):
+    """The length must be 1 within a thousandth."""
+    row = cells(qz=str(0.6 * scale), qw=str(0.8 * scale))
+    with pytest.raises(DataError, match=r"poses\.csv, line 2, columns qx to qw: .*length"):
+        read_recording(written(tmp_path, HEADER, row))
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", f", line 1: the file is empty; .*{HEADER}"),
+        (HEADER.encode("utf-16"), ": is not UTF-8 text"),
+        (b"t,x\xe9", ": is not UTF-8 text"),
+    ],
+)
+def test_bytes_that_are_no_text_are_refused(tmp_path, content, problem):
+    """The error of an empty file gives the header that it lacks."""
+    path = tmp_path / "poses.csv"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match="poses.csv" + problem):
+        read_recording(path)

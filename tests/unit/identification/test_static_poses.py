@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from common.motion.frames import rotation_from_vector
 from identification.identify import identify_payload
-from identification.recording import Samples
 from identification.static_poses import (
     CONTACT,
     MOVING,
@@ -124,7 +123,5 @@ def test_first_rows_are_row_numbers_of_the_recording():
     samples = dwells(np.random.default_rng(4))
     force = samples.force_N.copy()
     force[20:40] += 20.0
-    screened, _ = screen_samples(
-        Samples(samples.R_base_sensor, force, samples.torque_Nm, samples.time_s)
-    )
+    screened, _ = screen_samples(replace(samples, force_N=force))
     assert screened.first_row.tolist() == [0, 40, 60, 80, 100, 120, 140]

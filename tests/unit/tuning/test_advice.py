@@ -1,17 +1,14 @@
 """Advice of `tune`: gains are safe by their stated margins, and a cell file can use the result."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cli.tune import output as words
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from forcemesh.errors import ConfigError, DataError
 from forcemesh.messages import Host
 from tests.fakes.bench import CELL, DEMO
 from tuning import advice
@@ -19,7 +16,7 @@ from tuning.advice import MeasuredCell, advise
 from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
-from tuning.margins import Loop, margins
+from tuning.margins import margins
 from tuning.servo import Servo
 
 SERVO = Servo(0.03, 5e-4, 0.005, 0.012)
@@ -53,25 +50,11 @@ def test_recommended_gains_are_stable_with_the_stated_margins(
         assert one.margins.phase_deg >= advice.LEAST_PHASE_DEG
         assert one.margins.gain_margin >= advice.LEAST_GAIN
         assert one.forecast.overshoot_pct < 6.0
-        loop = one.loop
-        later = Loop(
-            loop.stiffness,
-            loop.gain,
-            loop.delay_s + 0.9 * one.margins.delay_s,
-            loop.lag_s,
-            loop.filter_s,
-            loop.inertia,
-        )
-        assert margins(later).stable
-        stiffer = Loop(
-            0.9 * one.margins.gain_margin * loop.stiffness,
-            loop.gain,
-            loop.delay_s,
-            loop.lag_s,
-            loop.filter_s,
-            0.9 * one.margins.gain_margin * loop.inertia,
-        )
-        assert margins(stiffer).stable
+        of, loop = one.margins, one.loop
+        assert margins(replace(loop, delay_s=loop.delay_s + 0.9 * of.delay_s)).stable
+        stiffer = 0.9 * of.gain_margin * loop.stiffness
+        heavier = 0.9 * of.gain_margin * loop.inertia
+        assert margins(replace(loop, stiffness=stiffer, inertia=heavier)).stable
 
 
 # Rounding up to whole milliseconds costs a fast arm on a soft contact 15.01 % of its gain.
@@ -106,29 +89,13 @@ def test_a_gain_that_is_unstable_for_the_measured_cell_is_reported() -> None:
     lines = words.report_lines(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
     assert any("no effect" in line for line in lines)
-    assert any("20000 +/- 200 N/m" in line for line in lines)
-    assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
-    assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
     without_press = MeasuredCell(found.servo, None)
-    lines = words.report_lines(
-        CELL,
-        without_press,
-        [advised(without_press)],
-        advice.cell_file_sections(CELL, without_press, [advised(without_press)]),
-    )
+    one = advised(without_press, force_now=0.0)
+    lines = words.report_lines(CELL, without_press, [one], {})
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
-    plain = advice.as_dict(CELL, without_press, [advised(without_press, force_now=0.0)], {})
+    plain = advice.as_dict(CELL, without_press, [one], {})
     assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
-    assert plain["tau_s"] == pytest.approx(advised(without_press).tau_s)
-
-
-def test_the_output_has_the_gain_and_its_margin_under_different_names() -> None:
-    """The gain of the present cell is the one that was given."""
-    found = advised(MeasuredCell(SERVO, SPRING), force_now=2e-3)
-    output = advice.as_dict(CELL, MeasuredCell(SERVO, SPRING), [found], {})
-    now = output["hosts"]["pc"]["position_now"]
-    assert now["gain"] == 2e-3
-    assert now["gain_margin"] == found.force_now.margins.gain_margin
+    assert plain["tau_s"] == pytest.approx(one.tau_s)
 
 
 def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:
@@ -144,17 +111,6 @@ def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:
     assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
     lines = words.report_lines(CELL, found, both, advice.cell_file_sections(CELL, found, both))
     assert any("own loop 120 +/- 4 ms" in line for line in lines)
-
-
-def test_gains_allow_for_the_worst_split_and_two_standard_deviations_of_delay() -> None:
-    """The gain is below those of both ends of the range; more uncertainty means less gain."""
-    found = MeasuredCell(SERVO, SPRING)
-    one = advised(found)
-    for lag_s in SERVO.lags_s:
-        exact = replace(SERVO, deviation_s=0.0, lag_least_s=lag_s, lag_most_s=lag_s)
-        assert one.force.gain < advised(replace(found, servo=exact)).force.gain
-    unsure = replace(SERVO, deviation_s=5e-3)
-    assert advised(replace(found, servo=unsure)).force.gain < one.force.gain
 
 
 def test_the_lag_of_the_cell_file_stays_within_the_range_and_above_zero() -> None:
@@ -218,11 +174,6 @@ def test_limits_of_the_adaptive_law_are_remarked() -> None:
     slow = at_hz(15.0).model_copy(update=adaptive)
     found_remarks = advice.remarks(slow, found, sections)
     assert "valid from 2000 N/m upwards" in found_remarks[0]
-    sharp = replace(found, servo=SERVO)
-    assert (
-        len(advice.remarks(slow, sharp, advice.cell_file_sections(CELL, sharp, [advised(sharp)])))
-        == 1
-    )
     assert len(found_remarks) == 2
 
 
@@ -232,35 +183,12 @@ def at_hz(loop_hz: float) -> CellConfig:
     return CELL.model_copy(update={"rates": rates})
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("- 1\n", "it must hold sections"),
-        ("robot: 3\n", "it must hold sections"),
-        ("robot: {delays_s: 0.1}\n", "robot.delays_s"),
-        ("limits: {force_N: 900}\n", "limits.force_N"),
-    ],
-)
-def test_a_tuning_file_holds_only_measured_values(tmp_path: Path, text, reason) -> None:
-    """A tuning file cannot raise a limit; a missing file is reported."""
-    (tmp_path / "tuning.yaml").write_text(text)
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(DEMO.read_text() + "\ntuning: tuning.yaml\n")
-    with pytest.raises(ConfigError, match=reason):
-        load_cell(cell)
-    (tmp_path / "tuning.yaml").unlink()
-    with pytest.raises(ConfigError, match="no such file"):
-        load_cell(cell)
-
-
-def test_a_previous_file_is_kept_as_a_copy(tmp_path: Path) -> None:
-    """As with `calibrate`; a folder that cannot be written is reported."""
-    path = tmp_path / "sub" / "tuning.yaml"
-    words.save_sections(path, {"robot": {"delay_s": 0.01}})
-    words.save_sections(path, {"robot": {"delay_s": 0.02}})
-    assert yaml.safe_load(path.read_text()) == {"robot": {"delay_s": 0.02}}
-    kept = path.with_name("tuning.before.yaml").read_text()
-    assert yaml.safe_load(kept) == {"robot": {"delay_s": 0.01}}
-    assert path.read_text().startswith("# Measured by `forcemesh tune`")
-    with pytest.raises(DataError, match="cannot be written"):
-        words.save_sections(tmp_path, {})
+def test_gains_allow_for_the_worst_split_and_two_standard_deviations_of_delay() -> None:
+    """The gain is below those of both ends of the range; more uncertainty means less gain."""
+    found = MeasuredCell(SERVO, SPRING)
+    one = advised(found)
+    for lag_s in SERVO.lags_s:
+        exact = replace(SERVO, deviation_s=0.0, lag_least_s=lag_s, lag_most_s=lag_s)
+        assert one.force.gain < advised(replace(found, servo=exact)).force.gain
+    unsure = replace(SERVO, deviation_s=5e-3)
+    assert advised(replace(found, servo=unsure)).force.gain < one.force.gain

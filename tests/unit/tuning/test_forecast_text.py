@@ -1,7 +1,6 @@
 """Texts of forecasts: broken limits with number and remedy, the note of arming, a line, a table."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -13,12 +12,6 @@ from tuning.forecast import ForceJob, forecast
 from tuning.forecast_text import arming_text, one_line, rows, warnings
 
 STIFF = cell_with(contact__stiffness_N_m=9e4, force__approach_m_s=0.001)
-
-
-def test_a_job_within_the_limits_has_no_warning() -> None:
-    """The demo's own press."""
-    job = ForceJob(15.0)
-    assert list(warnings(CELL, job, forecast(CELL, job))) == []
 
 
 def test_the_fed_force_above_its_ceiling_is_warned_of_with_a_feed_that_is_not() -> None:
@@ -41,14 +34,6 @@ def test_a_force_that_no_feed_keeps_below_the_ceiling_is_remedied_by_its_set_poi
     assert "the press may peak at" in peak
     assert peak.endswith("limits.force_N is 30.5 N, where the arm holds: lower the set point")
     assert feed.endswith("where the arm holds: lower the set point")
-
-
-def test_a_slope_faster_than_the_arm_may_move_is_warned_of() -> None:
-    """With the feed at which it is not."""
-    slow = cell_with(force__speed_max_m_s=0.02)
-    job = ForceJob(15.0, feed_m_s=0.05, slope_deg=45.0)
-    texts = list(warnings(slow, job, forecast(slow, job)))
-    assert "force.speed_max_m_s is 20 mm/s: feed at most 20 mm/s" in texts[0]
 
 
 def test_the_note_of_arming_has_the_number_and_the_remedy() -> None:
@@ -122,6 +107,9 @@ def test_the_rows_have_limits_and_verdicts() -> None:
     assert rows(tight, job, forecast(tight, job))[1].verdict == "may be above"
 
 
-def test_the_map_is_beside_its_reader() -> None:
-    """The image and a wheel copy the folder."""
-    assert Path(forecast_text.__file__).with_name("force_map.json").exists()
+def test_a_slope_faster_than_the_arm_may_move_is_warned_of() -> None:
+    """With the feed at which it is not."""
+    slow = cell_with(force__speed_max_m_s=0.02)
+    job = ForceJob(15.0, feed_m_s=0.05, slope_deg=45.0)
+    texts = list(warnings(slow, job, forecast(slow, job)))
+    assert "force.speed_max_m_s is 20 mm/s: feed at most 20 mm/s" in texts[0]

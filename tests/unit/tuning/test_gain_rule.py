@@ -41,11 +41,6 @@ def test_the_gain_rule_is_045_over_k_tau_unless_inertia_limits_the_gain(
     assert tuning.torque_i_rad_per_Nms == pytest.approx(torque)
 
 
-def test_the_default_preset_is_normal() -> None:
-    """Services and messages that know no presets get the rule of the cell file."""
-    assert tune(CELL) == tune(CELL, "normal")
-
-
 @pytest.mark.parametrize(
     ("k", "k_tilt", "delay_s"), [(2e4, 100.0, 0.01), (1e3, 1.0, 0.0), (1e6, 1e4, 0.2)]
 )

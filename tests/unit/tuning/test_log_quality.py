@@ -106,27 +106,6 @@ def test_another_unit_changes_no_verdict(factor: float, seed: int) -> None:
         assert theirs.ripple == pytest.approx(factor * (ours.ripple or 0.0))
 
 
-@given(shift_s=st.integers(-1000, 1_000_000), seed=st.integers(0, 1000))
-def test_a_shift_of_the_time_changes_no_verdict(shift_s: int, seed: int) -> None:
-    """Also with steps that are found in the force itself."""
-    force = 20.0 * first_order(times(), 0.1) + noise(2500, 0.2, seed)
-    one, other = judged(force, mean_s=0.02), judged(force, time_s=times() + shift_s, mean_s=0.02)
-    assert kinds(one) == kinds(other)
-    for ours, theirs in zip(one.segments, other.segments, strict=True):
-        assert theirs.segment.begin_s == pytest.approx(ours.segment.begin_s + shift_s)
-        assert theirs.overshoot_pct == ours.overshoot_pct
-        if ours.settling_s is not None:
-            assert theirs.settling_s == pytest.approx(ours.settling_s, abs=1.5 * PERIOD_S)
-
-
-@given(share=st.floats(0.5, 0.95), seed=st.integers(0, 1000))
-def test_an_added_saturation_is_a_finding(share: float, seed: int) -> None:
-    """Of a force that has none without it."""
-    force = 20.0 * first_order(times(), 0.1) + noise(2500, 0.2, seed)
-    assert "flat_top" not in kinds(judged(force))
-    assert "flat_top" in kinds(judged(np.minimum(force, 20.0 * share)))
-
-
 def test_single_samples_of_noise_delay_settling_and_the_moving_mean_does_not() -> None:
     """Noise of a third of the band: with single samples the last outlier counts."""
     aimed = setpoint_at(times(), 10.0)
@@ -157,14 +136,6 @@ def test_a_force_within_the_band_from_the_start_settles_at_once() -> None:
     found = judged(aimed + noise(2500, 0.01), aimed, band=Band(1.0, is_percent=False))
     assert found.segments[1].settling_s == 0.0
     assert found.segments[1].band == 1.0
-
-
-def test_a_force_that_never_reaches_its_target_has_no_rise_and_no_settling() -> None:
-    """It stays at half of the step."""
-    found = judged(5.0 * first_order(times(), 0.05), setpoint_at(times(), 10.0))
-    row = found.segments[1]
-    assert (row.rise_s, row.settling_s) == (None, None)
-    assert row.error == pytest.approx(-5.0)
 
 
 def test_drift_oscillation_and_a_log_without_a_step_are_findings() -> None:
@@ -202,3 +173,19 @@ def test_a_short_steady_part_has_no_figures() -> None:
     row = judged(aimed, aimed, time_s=time_s).segments[2]
     assert (row.error, row.ripple, row.drift, row.spectrum) == (None, None, None, None)
     assert row.settling_s == 0.0
+
+
+@given(share=st.floats(0.5, 0.95), seed=st.integers(0, 1000))
+def test_an_added_saturation_is_a_finding(share: float, seed: int) -> None:
+    """Of a force that has none without it."""
+    force = 20.0 * first_order(times(), 0.1) + noise(2500, 0.2, seed)
+    assert "flat_top" not in kinds(judged(force))
+    assert "flat_top" in kinds(judged(np.minimum(force, 20.0 * share)))
+
+
+def test_a_force_that_never_reaches_its_target_has_no_rise_and_no_settling() -> None:
+    """It stays at half of the step."""
+    found = judged(5.0 * first_order(times(), 0.05), setpoint_at(times(), 10.0))
+    row = found.segments[1]
+    assert (row.rise_s, row.settling_s) == (None, None)
+    assert row.error == pytest.approx(-5.0)

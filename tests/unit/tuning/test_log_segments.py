@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.fakes.force_logs import first_order, noise, second_order, setpoint_at, times
+from tests.fakes.force_logs import first_order, noise, second_order, times
 from tuning.force_log import Signal
 from tuning.log_segments import segments_of, steps_in
 
@@ -56,27 +56,6 @@ def test_press_and_release_are_two_steps() -> None:
     assert [each.begin_s for each in found] == pytest.approx([0.0, 1.0, 3.0], abs=0.02)
 
 
-def test_a_ringing_response_is_one_step() -> None:
-    """Its overshoots are no steps of their own."""
-    time_s = times()
-    ringing = second_order(time_s, damping=0.15, rad_s=30.0)
-    assert len(steps_in(ringing)) == 1
-
-
-def test_the_set_point_gives_every_step_with_its_levels() -> None:
-    """Steps that the force does not follow are segments too."""
-    time_s = times()
-    aimed = setpoint_at(time_s, 10.0) - setpoint_at(time_s, 4.0, 3.0)
-    found = segments_of(Signal(time_s, np.zeros(len(time_s))), Signal(time_s, aimed))
-    assert [(each.before, each.target) for each in found] == [
-        (None, None),
-        (0.0, 10.0),
-        (10.0, 6.0),
-    ]
-    assert [each.begin_s for each in found] == pytest.approx([0.0, 1.0, 3.0])
-    assert [each.step for each in found] == [None, 10.0, -4.0]
-
-
 @given(ramp_s=st.floats(0.01, 2.0), rate_hz=st.sampled_from((10.0, 100.0, 500.0)))
 def test_a_ramp_of_the_set_point_is_one_step(ramp_s: float, rate_hz: float) -> None:
     """Also one that is sent in stairs of up to 0.1 s."""
@@ -86,15 +65,6 @@ def test_a_ramp_of_the_set_point_is_one_step(ramp_s: float, rate_hz: float) -> N
     found = segments_of(Signal(time_s, aimed), Signal(time_s, aimed))
     assert [each.before for each in found] == [None, 0.0]
     assert found[1].target == pytest.approx(10.0)
-
-
-def test_a_constant_recorded_set_point_counts_as_a_number() -> None:
-    """The step is that of the force towards it."""
-    time_s = times()
-    force = 9.8 * first_order(time_s, 0.05)
-    found = segments_of(Signal(time_s, force), Signal(time_s, np.full(len(time_s), 10.0)))
-    assert found[1].target == 10.0
-    assert found[1].before == pytest.approx(0.0)
 
 
 def test_a_set_point_that_changes_with_the_first_sample_leaves_no_empty_segment() -> None:
@@ -121,6 +91,22 @@ def test_a_step_between_two_levels_that_no_sample_has_begins_where_it_was_found(
     assert steps_in(value) == [(50, 0.5)]
 
 
+def test_a_constant_recorded_set_point_counts_as_a_number() -> None:
+    """The step is that of the force towards it."""
+    time_s = times()
+    force = 9.8 * first_order(time_s, 0.05)
+    found = segments_of(Signal(time_s, force), Signal(time_s, np.full(len(time_s), 10.0)))
+    assert found[1].target == 10.0
+    assert found[1].before == pytest.approx(0.0)
+
+
 def test_too_few_samples_have_no_step() -> None:
     """The windows need five samples on each side."""
     assert steps_in(np.array([0.0] * 5 + [1.0] * 5)) == []
+
+
+def test_a_ringing_response_is_one_step() -> None:
+    """Its overshoots are no steps of their own."""
+    time_s = times()
+    ringing = second_order(time_s, damping=0.15, rad_s=30.0)
+    assert len(steps_in(ringing)) == 1

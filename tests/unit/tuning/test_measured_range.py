@@ -10,7 +10,6 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.requests import ForceStartRequest
 from services.regulator.adaptive import AdaptiveSettings, gain_for
-from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import RegulatorBench
 from tuning import measured_range
@@ -65,18 +64,6 @@ def test_a_start_outside_the_map_runs_the_plain_law_and_reports_it() -> None:
     assert "never measured at 60 Hz and 150 ms" in reply.text
     bench.step()
     assert bench.published().law == "plain"
-
-
-def test_a_start_inside_the_map_reports_only_a_restricted_range() -> None:
-    """At full rate no remark; in a slow loop with a long delay the softest contact."""
-    for cell, note in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m upwards")):
-        bench = RegulatorBench(cell)
-        bench.pass_s(0.3)
-        reply = bench.start(ADAPTIVE)
-        assert "law adaptive" in reply.text
-        assert note in reply.text
-        assert LawSettings.of(cell).approach_m_s > 0.0
-        assert ("plain" in reply.text) == bool(note)
 
 
 @pytest.mark.parametrize(

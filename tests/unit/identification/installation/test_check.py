@@ -41,21 +41,13 @@ def wired(wiring, channels):
     }
 
 
-def test_there_are_48_wirings_and_a_mounting_can_have_24_of_them() -> None:
-    """All are different; the correct one is the first."""
-    assert len({tuple(W.ravel()) for W in SIGNED}) == 48
-    assert np.array_equal(SIGNED[0], EYE)
-    assert len(TURNS) == 24
-
-
-@pytest.mark.parametrize("world", [None, ERRORS], ids=["a good cell", "tilt, gain, drift"])
 @pytest.mark.parametrize("channels", CHANNELS)
 def test_all_47_wrong_installations_are_identified_and_their_remedies_fix_them(
-    channels, world
+    channels,
 ) -> None:
-    """The correct one passes; for each other one the values that the finding gives correct it."""
+    """In a cell with errors of tilt, gain and drift; the values of each finding correct it."""
     for number, wiring in enumerate(SIGNED):
-        recorded = readings(**wired(wiring, channels), world=world, seed=number, poses=8)
+        recorded = readings(**wired(wiring, channels), world=ERRORS, seed=number, poses=8)
         found = judge_installation(recorded, belief())
         details = f"{channels} {wiring.astype(int).tolist()}: {[str(f) for f in found.findings]}"
         if number == 0:
@@ -67,7 +59,7 @@ def test_all_47_wrong_installations_are_identified_and_their_remedies_fix_them(
         assert again.verdict == "right", f"{details}, then {[str(f) for f in again.findings]}"
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     payload=payloads(),
     oat_deg=oats,
@@ -107,7 +99,7 @@ def test_any_tool_on_any_mounting_identifies_the_wiring(
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(payload=payloads(), wiring=st.integers(1, 47), seed=st.integers(0, 10**6))
 def test_a_wrong_wiring_is_identified_without_a_known_payload(payload, wiring, seed) -> None:
     """Mass and lever may be unknown: the tool is on the side of its tip."""
@@ -117,7 +109,7 @@ def test_a_wrong_wiring_is_identified_without_a_known_payload(payload, wiring, s
     assert judge_installation(readings(payload, seed=seed, poses=9), expected).verdict == "right"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     turn_deg=st.floats(10.0, 40.0) | st.floats(-40.0, -10.0),
     axis=st.integers(0, 2),
@@ -198,14 +190,6 @@ def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
     assert any("the sign of Mz" in line for line in found.unidentified)
 
 
-def test_a_lever_of_a_millimetre_leaves_the_sign_of_mz_unidentified() -> None:
-    """Errors of gain and mounting are of that size, so the sign of Mz is not identified."""
-    payload = PAYLOAD.model_copy(update={"com_m": (0.001, 0.0, 0.055)})
-    found = judge_installation(readings(payload), belief(payload))
-    assert found.verdict == "right"
-    assert any("the sign of Mz" in line for line in found.unidentified)
-
-
 def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
     """A centre of mass from an earlier calibration of the same rotated sensor: one finding."""
     wiring = TURNS[5]
@@ -261,7 +245,7 @@ def test_rotations_about_one_axis_leave_a_mirrored_wiring_possible(oat_deg, tilt
 
 def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
     """Usual errors of gain, tilt, mounting and drift, in many cells: no rejection."""
-    for seed in range(60):
+    for seed in range(20):
         recorded = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
         assert judge_installation(recorded, belief()).rejection_reason is None, seed
 
@@ -270,7 +254,7 @@ def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
 def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly(mass_kg) -> None:
     """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
     payload = PAYLOAD.model_copy(update={"mass_kg": mass_kg})
-    for seed in range(40):
+    for seed in range(10):
         right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
         found = judge_installation(right, belief(payload))
         assert found.verdict == "right", [str(f) for f in found.findings]

@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config.payload import Payload
 from common.motion.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
 from identification.installation.axis_fit import SIGNED
 from identification.installation.check import judge_installation
 from identification.installation.terms import ExpectedInstallation
 from identification.recording import Samples
 from tests.fakes.bench import CELL
-from tests.fakes.installations import PAYLOAD, belief, oat_matrix, readings
+from tests.fakes.installations import PAYLOAD, belief, readings
 
 RECORDED = readings(poses=8, seed=4)
 
@@ -85,7 +84,7 @@ def test_wrong_units_and_wrong_axes_are_both_reported() -> None:
         assert codes & {"force_axes", "mounting", "reaction"}, number
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(mass_kg=st.floats(0.5, 1.9), seed=st.integers(0, 10**6))
 def test_a_wrong_payload_is_reported_with_both_numbers(mass_kg, seed) -> None:
     """Errors above a tenth are reported; a calibration corrects them and is not refused."""
@@ -101,7 +100,7 @@ def test_a_wrong_payload_is_reported_with_both_numbers(mass_kg, seed) -> None:
     assert judge_installation(recorded, replace(belief(), mass_kg=mass_kg)).rejection_reason is None
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     shift_mm=st.floats(0.0, 8.0) | st.floats(12.0, 40.0),
     direction=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1),
@@ -134,58 +133,54 @@ def test_millimetres_in_the_cell_file_are_reported(key) -> None:
 # --- attitudes ------------------------------------------------------------------------------------
 
 
-def with_attitudes(change) -> Samples:
-    """Return the readings with other attitudes."""
-    return replace(RECORDED, R_base_sensor=np.array([change(R) for R in RECORDED.R_base_sensor]))
+def attitudes_times(factor: float) -> Samples:
+    """Return the readings with O, A and T multiplied by a factor."""
+    angles = [oat_from_R(R) for R in RECORDED.R_base_sensor]
+    changed = [R_from_oat(Oat(*(factor * angle for angle in oat))) for oat in angles]
+    return replace(RECORDED, R_base_sensor=np.array(changed))
 
 
-def oat_times(R, factor: float):
-    """Return the attitude with O, A and T multiplied by a factor."""
-    return R_from_oat(Oat(*(factor * angle for angle in oat_from_R(R))))
+def w_first() -> Samples:
+    """Return the readings with quaternions whose w is the first number."""
+    found = [quaternion_from_R(R) for R in RECORDED.R_base_sensor]
+    changed = [R_from_quaternion((w, x, y, z)) for x, y, z, w in found]
+    return replace(RECORDED, R_base_sensor=np.array(changed))
 
 
-def w_first(R):
-    """Return the attitude of a quaternion with w as the first number."""
-    x, y, z, w = quaternion_from_R(R)
-    return R_from_quaternion((w, x, y, z))
+def in_base() -> Samples:
+    """Return the readings in base axes, bias included."""
+    force, torque = (
+        np.einsum("nij,nj->ni", RECORDED.R_base_sensor, v)
+        for v in (RECORDED.force_N, RECORDED.torque_Nm)
+    )
+    return replace(RECORDED, force_N=force, torque_Nm=torque)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("recorded", "words"),
     [
-        (lambda R: oat_times(R, np.pi / 180.0), "radians are taken for degrees"),
-        (lambda R: oat_times(R, 180.0 / np.pi), "degrees taken for radians"),
-        (lambda R: R.T, "of the base in the sensor"),
-        (w_first, "in the order w x y z"),
+        (attitudes_times(np.pi / 180.0), "radians are taken for degrees"),
+        (attitudes_times(180.0 / np.pi), "degrees taken for radians"),
+        (
+            replace(RECORDED, R_base_sensor=RECORDED.R_base_sensor.swapaxes(1, 2)),
+            "of the base in the sensor",
+        ),
+        (w_first(), "in the order w x y z"),
+        (in_base(), "in base axes"),
+        (
+            replace(RECORDED, force_N=RECORDED.torque_Nm, torque_Nm=RECORDED.force_N),
+            "exchanged",
+        ),
+        (replace(RECORDED, force_N=RECORDED.force_N[::-1]), "compare the recorded attitudes"),
     ],
-    ids=["radians for degrees", "degrees for radians", "transposed", "w first"],
 )
-def test_attitudes_in_a_wrong_unit_or_order_are_reported(change, words) -> None:
-    """No wiring explains the readings; the finding names the possible cause."""
-    finding = only(with_attitudes(change))
-    assert finding.code == "attitude"
-    assert words in finding.text
-    assert judge_installation(with_attitudes(change), belief()).rejection_reason == str(finding)
-
-
-def turned(samples: Samples) -> Samples:
-    """Return the readings in base axes, bias included."""
-    force, torque = (
-        np.einsum("nij,nj->ni", samples.R_base_sensor, v)
-        for v in (samples.force_N, samples.torque_Nm)
-    )
-    return replace(samples, force_N=force, torque_Nm=torque)
-
-
-def test_readings_in_base_axes_are_reported() -> None:
-    """A driver that rotates the readings publishes them so."""
-    assert "in base axes" in only(turned(RECORDED)).text
-
-
-def test_exchanged_forces_and_torques_are_reported() -> None:
-    """Many libraries have the torque first."""
-    swapped = replace(RECORDED, force_N=RECORDED.torque_Nm, torque_Nm=RECORDED.force_N)
-    assert "exchanged" in only(swapped).text
+def test_readings_that_no_wiring_explains_are_reported_with_the_possible_cause(
+    recorded: Samples, words: str
+) -> None:
+    """Attitudes in a wrong unit or order, readings in base axes, exchanged, or unrelated."""
+    finding = only(recorded)
+    assert words in f"{finding.text} {finding.remedy}"
+    assert judge_installation(recorded, belief()).rejection_reason == str(finding)
 
 
 def test_an_arm_on_a_wall_is_reported_with_the_direction_of_gravity() -> None:
@@ -206,14 +201,6 @@ def test_a_dead_channel_is_named(axis) -> None:
     assert f"F{'xyz'[axis]} without signal" in finding.remedy
 
 
-def test_a_dead_torque_channel_is_reported() -> None:
-    """The forces are right; the remaining torques are no moment of a weight."""
-    torque = RECORDED.torque_Nm.copy()
-    torque[:, 0] = 0.0
-    finding = only(replace(RECORDED, torque_Nm=torque))
-    assert finding.code == "torque_axes"
-
-
 def test_a_sensor_that_shows_no_weight_is_reported() -> None:
     """The force is the same in every attitude, apart from noise."""
     noise = 0.01 * np.random.default_rng(1).normal(size=(8, 3))
@@ -222,7 +209,7 @@ def test_a_sensor_that_shows_no_weight_is_reported() -> None:
     assert only(replace(RECORDED, force_N=noise), unknown).code == "no_weight"
 
 
-@pytest.mark.parametrize("pose", range(8))
+@pytest.mark.parametrize("pose", [0, 7])
 def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
     """One pose of eight in contact is left out; the other poses give the verdict."""
     for number in (0, 1, 10, 30):
@@ -232,15 +219,6 @@ def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
         found = judge_installation(replace(recorded, force_N=force), belief())
         assert found.verdict == ("wrong" if number else "right")
         assert f"pose {pose + 1}, left out: contact, or motion" in found.unidentified
-
-
-def test_unexplained_readings_give_the_comparison_to_make() -> None:
-    """Random forces fit no attitudes."""
-    rng = np.random.default_rng(2)
-    unrelated = replace(RECORDED, force_N=10.0 * rng.normal(size=(8, 3)))
-    finding = only(unrelated)
-    assert finding.code == "attitude"
-    assert "compare the recorded attitudes" in finding.remedy
 
 
 # --- expected installation ------------------------------------------------------------------------
@@ -258,15 +236,9 @@ def test_a_cell_file_gives_the_expected_installation() -> None:
     assert unknown.com_m is None
 
 
-def test_without_a_known_tool_the_axes_are_still_identified() -> None:
-    """The readings alone identify a rotated sensor and its angle."""
-    payload = Payload(
-        mass_kg=2.0,
-        com_m=(0.01, 0.02, 0.05),
-        bias_force_N=(0.0, 0.0, 0.0),
-        bias_torque_Nm=(0.0, 0.0, 0.0),
-    )
-    turn = oat_matrix((90.0, 0.0, 0.0)).T
-    finding = only(readings(payload, force=turn, torque=turn), ExpectedInstallation())
-    assert finding.code == "mounting"
-    assert "turned by 90 degrees about z" in finding.text
+def test_a_dead_torque_channel_is_reported() -> None:
+    """The forces are right; the remaining torques are no moment of a weight."""
+    torque = RECORDED.torque_Nm.copy()
+    torque[:, 0] = 0.0
+    finding = only(replace(RECORDED, torque_Nm=torque))
+    assert finding.code == "torque_axes"

@@ -54,7 +54,7 @@ def test_all_47_wrong_wirings_are_identified_by_pushes(channels) -> None:
         assert number > 0 or not undetermined
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     wiring=st.integers(0, 47),
@@ -73,7 +73,7 @@ def test_forces_are_judged_in_any_attitude_and_for_any_push(
     assert bool(codes & {"force_axes", "reaction", "mounting"}) == (wiring > 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(wiring=st.integers(1, 47), seed=st.integers(0, 10**6))
 def test_a_rotated_sensor_gets_the_angles_to_write(wiring, seed) -> None:
     """A rotation common to forces and torques is a mounting; another wiring is not."""
@@ -139,14 +139,6 @@ def test_a_push_ends_when_it_is_released() -> None:
 def test_a_profile_that_is_no_push_is_ignored(profile) -> None:
     """No push is detected."""
     assert detected(profile) is None
-
-
-def test_after_a_knock_a_push_still_counts() -> None:
-    """The detector starts again."""
-    push = [*[9.0] * 40, *[0.0] * 20]
-    found = detected([*[30.0] * 5, *[0.0] * 20, *push])
-    assert found is not None
-    assert found[1] == pytest.approx(9.0)
 
 
 def test_a_twist_is_measured_by_its_moment() -> None:

@@ -40,17 +40,13 @@ def test_each_format_writes_as_documented(text: str, expected: str) -> None:
     assert AsLanguage()(text) == expected
 
 
-@pytest.mark.parametrize("text", ["$ENCODE(/K6,1)", "$ENCODE(/L,1)", "$ENCODE(/J4,1)"])
-def test_the_formats_of_an_option_are_refused(text: str) -> None:
-    """The shipped program must run without any option, so the emulator has none."""
-    assert AsLanguage().code(text) == "P0108"
-
-
 @pytest.mark.parametrize(
-    ("text", "code"), [("$ENCODE(/Q3,1)", "P0108"), ("$ENCODE(NULL)", "P0118")]
-)
-def test_a_value_that_cannot_be_written_is_refused(text: str, code: str) -> None:
-    """An unknown format, and a pose, which must be decomposed first."""
+    ("text", "code"),
+    [("$ENCODE(/K6,1)", "P0108"), ("$ENCODE(/L,1)", "P0108"), ("$ENCODE(/J4,1)", "P0108"),
+     ("$ENCODE(/Q3,1)", "P0108"), ("$ENCODE(NULL)", "P0118")],
+)  # fmt: skip
+def test_what_cannot_be_written_is_refused(text: str, code: str) -> None:
+    """The formats of an option of the controller, an unknown one, and a pose."""
     assert AsLanguage().code(text) == code
 
 

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from sim.as_language import keywords
 from sim.as_language.lint import check_text
 from sim.controller.__main__ import main
 
@@ -65,6 +64,7 @@ SNIPPETS = [
     (["TCP_LISTEN r,80"], ["tcp-port"]),
     (["TCP_ACCEPT s,10000,1"], []),
     (["x = y"], ["never-defined"]),
+    (["y = x+a[3]", ".END", ".REALS", "x = 1", "a[3] = 1"], []),
     (["x = .y"], ["never-defined"]),
     (["x = 1", "x[1] = 2"], ["scalar-and-array"]),
     (["x = 1", "POINT x = NULL"], ["two-types"]),
@@ -99,11 +99,6 @@ def test_each_trap_is_found_and_only_that_one(lines: list[str], expected: list[s
 def test_traps_between_programs_are_found(lines: list[str], more: str, expected: list[str]) -> None:
     """Shared helpers of two tasks (P1014), motion in PC programs, calls that do not fit."""
     assert rules(*lines, more=more) == expected
-
-
-def test_data_sections_define_variables() -> None:
-    """A name in a section is no undefined name."""
-    assert rules("y = x+a[3]", more=".REALS\nx = 1\na[3] = 1\n.END") == []
 
 
 def test_findings_name_file_line_program_and_step() -> None:
@@ -177,13 +172,28 @@ def test_files_that_are_cut_off_or_no_as_are_named_and_not_in_the_share(
     assert "1 of 2 whole AS files parse, 50.0 %" in capsys.readouterr().out
 
 
-def test_a_folder_without_a_whole_as_file_has_no_share(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("name", "text", "code", "words"),
+    [("b.as", "x = 1008\n", 1, "0 of 0 whole AS files parse, 0.0 %"),
+     ("notes.txt", "no program", 2, "there is no file .as or .pg in it"),
+     ("", "", 2, "cannot be read")],
+)  # fmt: skip
+def test_nothing_to_check_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, code: int, words: str
 ) -> None:
-    """Exit code 1."""
-    (tmp_path / "b.as").write_text("x = 1008\n")
-    assert main(["--check", str(tmp_path)]) == 1
-    assert "0 of 0 whole AS files parse, 0.0 %" in capsys.readouterr().out
+    """A folder without a whole AS file, without any, and a file that is missing."""
+    if name:
+        (tmp_path / name).write_text(text)
+    assert main(["--check", str(tmp_path if name else tmp_path / "no.as")]) == code
+    assert words in "".join(capsys.readouterr())
+
+
+def test_the_shipped_program_is_clean() -> None:
+    """controller/forcemesh.as has no finding at all."""
+    path = Path(__file__).resolve().parents[4] / "controller" / "forcemesh.as"
+    report = check_text(path.read_bytes().decode("latin-1"), path.name)
+    assert not report.mistakes
+    assert [str(finding) for finding in report.findings] == []
 
 
 @pytest.mark.parametrize("share", ["nan", "101", "-1", "most"])
@@ -194,33 +204,3 @@ def test_a_share_that_is_no_percentage_is_refused(
     with pytest.raises(SystemExit):
         main(["--check", "--share", share, str(tmp_path)])
     assert "argument --share" in capsys.readouterr().err
-
-
-def test_a_folder_without_as_files_is_exit_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It would otherwise pass with nothing read."""
-    assert main(["--check", str(tmp_path)]) == 2
-    assert "there is no file .as or .pg in it" in capsys.readouterr().err
-
-
-def test_a_missing_file_is_one_line_and_exit_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """No traceback."""
-    assert main(["--check", str(tmp_path / "no.as")]) == 2
-    assert "cannot be read" in capsys.readouterr().err
-
-
-def test_every_instruction_that_is_executed_is_a_known_word() -> None:
-    """Otherwise it could not be abbreviated, and a variable of its name would not be noticed."""
-    plain = {name for name in keywords.EMULATED if not name.startswith("MC ")}
-    assert plain <= keywords.KNOWN | keywords.STATEMENTS.keys()
-
-
-def test_the_shipped_program_is_clean() -> None:
-    """controller/forcemesh.as has no finding at all."""
-    path = Path(__file__).resolve().parents[4] / "controller" / "forcemesh.as"
-    report = check_text(path.read_bytes().decode("latin-1"), path.name)
-    assert not report.mistakes
-    assert [str(finding) for finding in report.findings] == []

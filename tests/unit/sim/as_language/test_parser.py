@@ -1,125 +1,50 @@
-"""Statements of AS: the statement of each line (facts 1.2, 1.5, 1.9)."""
+"""The parser of AS: lines, structures, whole files, and the report of mistakes (facts 1.1, 1.2)."""
+
+from pathlib import Path
 
 import pytest
 
+from forcemesh.errors import DataError
 from sim.as_language import syntax
+from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.lines import parse_line
+from sim.as_language.parser import load, parse
 from sim.as_language.syntax import (
     Binary,
-    Format,
     FunctionCall,
     Instruction,
-    JointLiteral,
     Number,
-    Print,
     Text,
     Unary,
     Variable,
     Word,
 )  # fmt: skip
-from tests.fakes.as_language import expression, statement
+from tests.corpus.cases import FILES
+from tests.fakes.as_language import expression, program, statement
 
 ONE, TWO = Number(1.0), Number(2.0)
 X, P = Variable("", "x"), Variable("", "p")
 
-INSTRUCTIONS = [
-    ("JMOVE p", Instruction("JMOVE", (P,))),
-    ("LMOVE p,2", Instruction("LMOVE", (P, TWO))),
-    ("LMOVE p+x", Instruction("LMOVE", (Binary("+", P, X),))),
-    ("JMOVE #[1,2]", Instruction("JMOVE", (JointLiteral((ONE, TWO)),))),
-    ("LMOVE SHIFT(p BY 1,,2)",
-     Instruction("LMOVE", (FunctionCall("SHIFT", (P, ONE, None, TWO)),))),
-    ("JAPPRO p,x", Instruction("JAPPRO", (P, X))),
-    ("SPEED 2", Instruction("SPEED", (TWO,))),
-    ("SPEED x MM/S ALWAYS", Instruction("SPEED", (X,), ("MM/S", "ALWAYS"))),
-    ("SPEED 1 MM/MIN", Instruction("SPEED", (ONE,), ("MM/MIN",))),
-    ("SPEED 2 S", Instruction("SPEED", (TWO,), ("S",))),
-    ("SPEED 2 MM/S,1 DEG/S ALWAYS", Instruction("SPEED", (TWO, ONE), ("MM/S", "DEG/S", "ALWAYS"))),
-    ("ACCURACY 1 ALWAYS FINE", Instruction("ACCURACY", (ONE,), ("ALWAYS", "FINE"))),
-    ("BREAK", Instruction("BREAK")),
-    ("TOOL NULL", Instruction("TOOL", (FunctionCall("NULL"),))),
-    ("SIGNAL 1,-2", Instruction("SIGNAL", (ONE, Unary("-", TWO)))),
-    ("WAIT x", Instruction("WAIT", (X,))),
-    ("TIMER 1 = 2", Instruction("TIMER", (ONE, TWO))),
-    ("TIMER (1)=2", Instruction("TIMER", (ONE, TWO))),
-    ("BITS 1,2 = x", Instruction("BITS", (ONE, TWO, X))),
-    ("CP ON", Instruction("SWITCH", (Word("cp"),), ("ON",))),
-    ("prefetch.sigins off", Instruction("SWITCH", (Word("prefetch.sigins"),), ("OFF",))),
-    ("CP, QTOOL OFF", Instruction("SWITCH", (Word("cp"), Word("qtool")), ("OFF",))),
-    ("RTC_SW 1: ON", Instruction("SWITCH", (Word("rtc_sw"),), ("1:", "ON"))),
-    ("POINT p", Instruction("POINT", (P,))),
-    ("POINT/X p", Instruction("POINT", (P,), ("/X",))),
-    ("PCEXECUTE 2: p.a,-1",
-     Instruction("PCEXECUTE", (TWO, Word("p.a"), Unary("-", ONE)))),
-    ("PCEXECUTE p", Instruction("PCEXECUTE", (ONE, Word("p")))),
-    ("PCABORT 2:", Instruction("PCABORT", (TWO,))),
-    ("PCEND", Instruction("PCEND", (ONE,))),
-    ("MC EXECUTE p,2", Instruction("MC EXECUTE", (Word("p"), TWO))),
-    ("MC SPEED 2", Instruction("MC SPEED", (TWO,))),
-    ("MC SPEED 2: 1", Instruction("MC SPEED", (ONE,), ("2:",))),
-    ("MC ZPOWER ON", Instruction("MC ZPOWER", (Number(-1.0),))),
-    ("MC HOLD", Instruction("MC HOLD")),
-    ("ONE p", Instruction("ONE", (Word("p"),))),
-    ("ON 1 CALL p,2", Instruction("ON", (ONE, Word("p"), TWO), ("CALL",))),
-    ("ON 1 GOTO 10,2", Instruction("ON", (ONE, Word("10"), TWO), ("GOTO",))),
-    ("DELETE/R x", Instruction("DELETE", (X,), ("/R",))),
-    ("SETHOME 1,#j", Instruction("SETHOME", (ONE, Variable("#", "j")))),
-    ("ONI/ERR 1 GOTO 10", Instruction("ONI", (ONE, Word("10")), ("/ERR", "GOTO"))),
-    ("XMOVE/LVL p TILL 2", Instruction("XMOVE", (P, TWO), ("/LVL", "TILL"))),
-    ("TCP_RECV x,1,$s[2],p,1", Instruction("TCP_RECV", (
-        X, ONE, Variable("$", "s", indices=(TWO,)), P, ONE))),
-    ('PRINT 2: /S,"a",x', Print("PRINT", (Format("S"), Text("a"), X), TWO)),
-    ("TYPE /F5.2,x", Print("TYPE", (Format("F", 5, 2), X))),
-    ("PRINT", Print("PRINT")),
-]  # fmt: skip
+
+def in_other_case(line: str) -> tuple[str, str] | None:
+    """Return a line in lower and in upper case, or None where case has a meaning."""
+    return None if set(line) & set("\"';") else (line.lower(), line.upper())
 
 
-@pytest.mark.parametrize(("text", "expected"), INSTRUCTIONS)
-def test_each_instruction_becomes_its_name_arguments_and_words(
-    text: str, expected: syntax.Statement
-) -> None:
-    """Full upper-case names, whatever the case of the line."""
-    assert statement(text) == expected
-    if '"' not in text:
-        assert statement(text.lower()) == expected
-
-
-STATEMENTS = [
-    ("x = 1", syntax.Assign(X, ONE)),
-    ("POINT p = x", syntax.PointStatement(P, X)),
-    ("POINT/OAT p = x", syntax.PointStatement(P, X, "OAT")),
-    ("POINT/X p = x", syntax.PointStatement(P, X, "X")),
-    ("POINT/7 p = x", syntax.PointStatement(P, X, "7")),
-    ("POINT p+x+q = p",
-     syntax.PointStatement(Variable("", "q"), P, relative_to=Binary("+", P, X))),
-    ("POINT #j = p,#k", syntax.PointStatement(Variable("#", "j"), P, "", Variable("#", "k"))),
-    ("HERE #j", syntax.Here(Variable("#", "j"))),
-    ("HERE p+x+q", syntax.Here(Variable("", "q"), Binary("+", P, X))),
-    ("DECOMPOSE x[2] = #HERE",
-     syntax.Decompose(Variable("", "x", indices=(TWO,)), FunctionCall("#HERE"))),
-    ("IF x GOTO 10", syntax.Goto("10", X)),
-    ("GOTO out IF x", syntax.Goto("out", X)),
-    ("GOTO 10", syntax.Goto("10")),
-    ("FOR x = 1 TO 2", syntax.For(X, ONE, TWO, ONE)),
-    ("FOR .i = 1 TO 2 STEP x", syntax.For(Variable("", "i", local=True), ONE, TWO, X)),
-    ("SCASE $s OF", syntax.CaseStatement(Variable("$", "s"), text=True)),
-    ("VALUE 1,2 :", syntax.Value((ONE, TWO))),
-    ("ANY :", syntax.Any()),
-    ("CALL p", syntax.CallStatement("p")),
-    ("CALL p()", syntax.CallStatement("p")),
-    ("CALL p(1,,x)", syntax.CallStatement("p", (ONE, None, X))),
-    ("CALL p(&x)", syntax.CallStatement("p", (syntax.Reference(X),))),
-    ("CALL p(.&x[,])",
-     syntax.CallStatement("p", (syntax.Reference(Variable("", "x", local=True, whole=True)),))),
-    ("SCALL $s,x", syntax.Scall(Variable("$", "s"), X)),
-    ("RETURN", syntax.Return()),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "expected"), STATEMENTS)
-def test_each_statement_becomes_its_own_value(text: str, expected: syntax.Statement) -> None:
-    """Targets are not resolved before the program is whole."""
-    assert statement(text) == expected
+def test_the_case_of_a_line_has_no_meaning() -> None:
+    """For each line of the corpus that parses, texts and characters excepted."""
+    lines = {line for path in FILES for line in path.read_text("ascii").splitlines()}
+    compared = 0
+    for lower, upper in filter(None, map(in_other_case, lines)):
+        try:
+            expected = parse_line(upper)
+        except AsError:
+            continue
+        if "Text(" in repr(expected):  # kept unread
+            continue
+        assert parse_line(lower) == expected
+        compared += 1
+    assert compared > 500
 
 
 @pytest.mark.parametrize(
@@ -216,3 +141,180 @@ def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
     monitor_command = statement("MC DIRECTORY 1")
     assert isinstance(monitor_command, Instruction)
     assert monitor_command.unknown
+
+
+# --- structures -----------------------------------------------------------------------------------
+
+
+def test_steps_are_counted_as_the_controller_lists_them() -> None:
+    """Comments are steps, blank lines are not; text and line are kept for messages."""
+    steps = program("; first", "", "  x = 1 ; why", "").steps
+    assert [(step.number, step.where.line, step.text) for step in steps] == [
+        (1, 2, "; first"), (2, 4, "x = 1 ; why"),
+    ]  # fmt: skip
+    assert steps[0].statement == syntax.Comment()
+
+
+# --- whole files ----------------------------------------------------------------------------------
+
+BACKUP = """\
+.*=== AS GROUP ===         : ASF_T2001000N 2020/05/26 17:51
+.*
+.SAVETIME 2021/03/29 07:49
+.NETCONF     192.0.2.11,"R1",255.255.255.0,0.0.0.0,""
+.NETCONF2     192.0.2.12,255.255.255.0,0.0.0.0
+.LANGUAGE ENGLISH
+.ROBOTDATA1
+ZROBOT.TYPE    34  97   8 12051     -182851   X200L ( 2021-02-24 10:33 )
+SG_CAL[1]      1.6597000122e+02 -2.0e+02  268743957
+.END
+.INTER_PANEL_D
+0,1,"  OK","","","",10,7,4,10,2001,0
+.END
+.AUXDATA
+N_INT5    "motion_ok  "
+.END
+.PROGRAM a.home() #9744
+  JMOVE #[0,0,0,0,0,0]
+.END
+.PROGRAM b (.x, .$s,.#j,.a[]) @2021/03/29 #-12 ;text
+.END
+.PROGRAM c @1
+.END
+.program Comment___ () ; Comments for IDE. Do not use.
+\t; @@@ PROJECT @@@
+.END
+.TRANS
+p[3] 0.5 0 0 0 0 0
+tframe -158.983856 -716.104248 245 175.046768 179.998154 86.93544
+arm 1 2 3 4 5 6 7 8
+.END
+.JOINTS
+#j 1 2 3 4 5 6
+.END
+.REALS
+udp_port = 49152
+.END
+.STRINGS
+$s = "a;b = c"
+$t[2] = ""
+.END
+.INTEGER
+@n = -5
+.END
+"""
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_a_backup_is_read_whole(newline: str) -> None:
+    """Programs with every kind of header, data, and sections that only a controller knows."""
+    source = parse(BACKUP.replace("\n", newline))
+    assert list(source.programs) == ["a.home", "b", "c", "comment___"]
+    assert [v.spelling for v in source.programs["b"].parameters] == [".x", ".$s", ".#j", ".a"]
+    assert source.programs["b"].parameters[3].whole
+    assert [section.name for section in source.skipped] == [
+        ".SAVETIME", ".NETCONF", ".NETCONF2", ".LANGUAGE", ".ROBOTDATA1", ".INTER_PANEL_D",
+        ".AUXDATA",
+    ]  # fmt: skip
+    data = {item.variable: item.value for item in source.data}
+    assert data[Variable("", "p", indices=(Number(3.0),))] == (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert data[Variable("", "arm")] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+    assert data[Variable("$", "s")] == "a;b = c"
+    assert data[Variable("@", "n")] == -5
+    assert data[Variable("", "udp_port")] == 49152.0
+    assert data[Variable("#", "j")] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+
+
+def test_local_assignments_are_no_section_headers() -> None:
+    """Inside a program a line may begin with a dot; .END in any case ends it."""
+    source = parse(".PROGRAM p\n.x = 1\n.ending = 2\n.end\n")
+    assert len(source.programs["p"].steps) == 2
+
+
+def test_long_lines_are_read() -> None:
+    """Real backups hold 207 columns, and more in comments."""
+    line = "x = 1" + " + 1" * 60 + " ;" + "c" * 300
+    assert len(parse(f".PROGRAM p\n{line}\n.END").programs["p"].steps) == 1
+
+
+def test_the_last_of_two_programs_of_one_name_counts_and_is_remarked() -> None:
+    """As a LOAD would replace it."""
+    source = parse(".PROGRAM p\n.END\n.PROGRAM p\nx = 1\n.END")
+    assert len(source.programs["p"].steps) == 1
+    assert "twice" in source.remarks[0].text
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line"),
+    [
+        (".PROGRAM p\nx = 1", "P0140", 1),
+        (".PROGRAM p\n.PROGRAM q\n.END", "P0140", 1),
+        (".PROGRAM p\nWHILE x DO\nIF x THEN\nEND\n.END", "P0140", 2),
+        (".PROGRAM p\nDO\nEND\nUNTIL x\n.END", "P0141", 3),
+        (".PROGRAM p\nWHILE x DO\nELSE\nEND\n.END", "P0142", 3),
+        (".PROGRAM p\nIF x THEN\nELSE\nELSE\nEND\n.END", "P0142", 4),
+        (".PROGRAM p\nANY :\n.END", "P0145", 2),
+        (".PROGRAM\n.END", "P0117", 1),
+        (".PROGRAM p(.x\n.END", "P0120", 1),
+        (".PROGRAM p(.x+1)\n.END", "P0108", 1),
+        (".PROGRAM p(1)\n.END", "P0108", 1),
+        (".PROGRAM p() nonsense\n.END", "P0108", 1),
+        (".REALS\nx = 1 2\n.END", "P0100", 2),
+        (".REALS\nx = 1E99\n.END", "P0100", 2),
+        (".REALS\n= 1\n.END", "P0108", 2),
+        (".REALS\n$x = 1\n.END", "P0118", 2),
+        (".STRINGS\n$x = 1\n.END", "P0108", 2),
+        (".TRANS\np 1 2 3\n.END", "P0100", 2),
+        (".INTEGER\n@n =\n.END", "P0100", 2),
+    ],
+)
+def test_a_mistake_of_a_file_is_reported_with_code_and_line(
+    text: str, code: str, line: int
+) -> None:
+    """Never a Python exception, never silence."""
+    with pytest.raises(AsSyntaxError) as caught:
+        parse(text)
+    first = caught.value.mistakes[0]
+    assert (first.code, first.where.line) == (code, line)
+
+
+LINES = [
+    ("x = (1", "P0120", 7, "end of the line; expected ')'"),
+    ('$s = "abc', "P0108", 6, "not closed"),
+    ("IF x y = 1", "P0121", 6, "expected THEN or GOTO"),
+    ("IF a = b THEN", "P0108", 6, "To compare, write =="),
+    ("FOR i = 1 3", "P0121", 11, "expected TO"),
+    ("GOTO", "P0108", 5, "a label"),
+    ("CALL 5", "P0108", 6, "the name of a program"),
+    ("POINT PI = 3", "P0117", 0, "the function PI"),
+    ("HERE 5", "P0117", 0, "expected a variable"),
+    ("x[1,2,3,4] = 1", "P0119", 0, "4 indices"),
+    ("x = 1E99", "E0106", 0, "3.4E38"),
+    ("x = \xe4", "P0108", 5, "must be ASCII"),
+    ("x = $ENCODE(/F999.2,1)", "P0108", 0, "255 columns"),
+    ("x = " + "-" * 200 + "1", "P0114", 0, "deeper"),
+]
+
+
+@pytest.mark.parametrize(("line", "code", "column", "words"), LINES)
+def test_a_wrong_line_is_explained(line: str, code: str, column: int, words: str) -> None:
+    """Code, column, the text that was found, the right form."""
+    with pytest.raises(AsSyntaxError) as caught:
+        parse(f".PROGRAM p\n{line}\n.END", "f.as")
+    mistake = caught.value.mistakes[0]
+    assert (mistake.code, mistake.column, mistake.where.line) == (code, column, 2)
+    assert words in str(mistake)
+    assert str(mistake).startswith("f.as:2")
+
+
+def test_a_file_is_read_from_disk_byte_by_byte(tmp_path: Path) -> None:
+    """One byte is one character, whatever the file's encoding was."""
+    path = tmp_path / "x.as"
+    path.write_bytes(b'.PROGRAM p\n$s = "\xff\xe4" ; \xd0\x9f\n.END')
+    assert len(load(path).programs["p"].steps) == 1
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """With the reason."""
+    with pytest.raises(DataError, match=r"missing\.as: cannot be read: No such file"):
+        load(tmp_path / "missing.as")

@@ -10,6 +10,7 @@ from sim.as_language.errors import TEXTS, AsError, AsSyntaxError
 from sim.as_language.lines import parse_line
 from sim.as_language.lint import check_text
 from sim.as_language.parser import KINDS, parse
+from tests.fakes.as_bench import AsBench, program
 from tests.fakes.as_language import AsLanguage
 
 SPELLED = """
@@ -22,6 +23,7 @@ SPELLED = """
 """
 WORDS = st.sampled_from(SPELLED.split())
 LINES = st.lists(WORDS, max_size=12).map(" ".join)
+CONTROLLER = AsBench(program("PAUSE")).task.machine
 NOISE = st.text(st.characters(max_codepoint=255), max_size=40)
 FILES = st.lists(st.one_of(LINES, NOISE), max_size=12).map("\n".join)
 
@@ -72,7 +74,8 @@ def test_every_data_section_is_read_or_explained(section: str, line: str) -> Non
 @given(LINES)
 def test_a_parsed_expression_has_a_value_or_an_error_of_as(words: str) -> None:
     """No Python exception reaches the user who runs a program."""
-    bench = AsLanguage("x = 1", ".y = 2", '$s = "a"', '.$t = "1"', "@n = 3", "a[1] = 4")
+    defined = ("x = 1", ".y = 2", '$s = "a"', '.$t = "1"', "@n = 3", "a[1] = 4")
+    bench = AsLanguage(*defined, machine=CONTROLLER)
     try:
         value = bench(words)
     except (AsError, AssertionError):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from sim.as_language.values import Transformation, joints
 from tests.fakes.as_language import AsLanguage
 
 
@@ -10,16 +9,6 @@ def memory() -> AsLanguage:
     """One variable of each type, and arrays of them."""
     return AsLanguage("x = 5", "x2[1] = 6", ".y = 7", "POINT p = TRANS(1,2,3)",
                       "POINT #j = #PPOINT(1,2)", '$s = "main"', "@n = 8")  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [('STRTOVAL("x")', 5), ('STRTOVAL("x2[1]")', 6), ('STRTOVAL(".y")', 7), ('STRTOVAL("@N")', 8),
-     ('STRTOPOS("P")', Transformation(1.0, 2.0, 3.0)), ('STRTOPOS("#j")', joints(1.0, 2.0))],
-)  # fmt: skip
-def test_a_variable_is_found_by_its_name(text: str, value: object) -> None:
-    """Global or local, an element, in any case."""
-    assert memory()(text) == value
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,141 @@
-"""The tables of the compiler, against the words that the parser knows."""
+"""Control flow, subroutines and cycles of AS programs, and any instruction with any arguments."""
 
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.keywords import EMULATED
 from sim.as_language.special_functions import ALL_NAMES
+from sim.controller.behaviour import Behaviour
 from sim.controller.compile import DEAR, INSTRUCTIONS
+from tests.fakes.as_bench import AsBench, program
+
+SMALL = st.integers(-20, 20)
+
+
+def ran(*lines: str) -> AsBench:
+    """A program of these steps, executed."""
+    return AsBench(program(*lines)).run()
+
+
+@settings(max_examples=20)
+@given(SMALL, SMALL, SMALL.filter(bool))
+def test_for_runs_as_often_as_a_counting_loop_and_keeps_the_first_value_beyond(
+    start: int, stop: int, step: int
+) -> None:
+    """Zero trips are possible; the variable ends on the first value that is not in the loop."""
+    bench = ran("n = 0", f"FOR i = {start} TO {stop} STEP {step}", "n = n+1", "END")
+    beyond = stop + 1 if step > 0 else stop - 1
+    inside = range(start, beyond, step)
+    assert bench.value("n") == len(inside)
+    assert bench.value("i") == start + step * len(inside)
+
+
+def test_while_tests_first_and_do_until_tests_last() -> None:
+    """A false WHILE runs never, a true UNTIL runs once."""
+    bench = ran("w = 0", "WHILE w > 0 DO", "w = w+1", "END", "d = 0", "DO", "d = d+1", "UNTIL TRUE")
+    assert (bench.value("w"), bench.value("d")) == (0, 1)
+
+
+def test_arguments_are_passed_by_reference_and_expressions_as_values() -> None:
+    """A global, a local, an element and a new variable; locals are the call's own."""
+    body = ".l = 9\n.a = 10\n.b = 20\n.c = 30\n.d = .e\n.e = 0\n"
+    sub = f".PROGRAM sub(.a, .b, .c, .d, .e)\n{body}.END\n"
+    lines = ("g = 1", ".l = 2", "a[3] = 3", "h = 4", "CALL sub(g, .l, a[3], fresh, h+0)", "l = .l")
+    bench = AsBench(program(*lines) + sub).run()
+    found = [bench.value(name) for name in ("g", "l", "a[3]", "fresh", "h")]
+    assert found == [10, 20, 30, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments", "code"),
+    [("(.a)", "1,2", "P0137"), ("(.$s)", "1", "P0138"), ("(.a[])", "1", "P0138"),
+     ("(.a)", "v[]", "P0138"), ("(.#j)", "NULL", "P0138"), ("(.a,.b)", ",1", "E0102")],
+)  # fmt: skip
+def test_arguments_must_fit_the_parameters(header: str, arguments: str, code: str) -> None:
+    """Number and types; one that is left out is undefined when it is read."""
+    sub = f".PROGRAM sub{header}\nx = .a\n.END\n"
+    assert AsBench(program("v[1] = 1", f"CALL sub({arguments})") + sub).fail().code == code
+
+
+def test_the_main_program_runs_as_many_cycles_as_asked() -> None:
+    """EXECUTE main,3 runs three times; a negative number runs for ever."""
+    bench = AsBench(program("n = n+1"))
+    bench.machine.memory.write("n", 0.0)
+    bench.start(cycles=3).advance(0.1)
+    assert (bench.value("n"), bench.task.state) == (3, "idle")
+    bench.start(cycles=-1).advance(0.1)
+    assert bench.value("n") > 100
+    assert bench.task.state == "running"
+
+
+def test_stop_begins_the_next_cycle_and_halt_ends_all() -> None:
+    """STOP restarts the main program when cycles remain, HALT does not."""
+    for word, rounds in (("STOP", 3), ("HALT", 1)):
+        sub = f".PROGRAM s()\n{word}\n.END\n"
+        bench = AsBench(program("n = n+1", "CALL s", "n = 100") + sub)
+        bench.machine.memory.write("n", 0.0)
+        bench.start(cycles=3).advance(0.2)
+        assert (bench.value("n"), bench.task.state) == (rounds, "idle")
+
+
+@pytest.mark.parametrize("step_ms", [0.1, 0.5, 2.0])
+def test_every_step_costs_the_processor_the_same_time(step_ms: float) -> None:
+    """A loop of two steps makes 1 s / (2 steps) rounds."""
+    bench = AsBench(program("n = 0", "WHILE TRUE DO", "n = n+1", "END"),
+                    Behaviour(step_s=step_ms * 1e-3)).start()  # fmt: skip
+    bench.advance(1.0)
+    assert bench.value("n") == pytest.approx(1000.0 / step_ms / 3, rel=0.01)
+
+
+def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:
+    """Three counting programs get a third each, next to two that wait."""
+    count = "\n".join("{0} = 0,WHILE TRUE DO,{0} = {0}+1,END".replace(",", "\n").format("n{}")
+                      for _ in range(1))  # fmt: skip
+    subs = "".join(f".PROGRAM c{k}()\n{count.format(*[k] * 3)}\n.END\n" for k in (1, 2))
+    waits = ".PROGRAM w1()\nWAIT n0 < 0\n.END\n.PROGRAM w2()\nTWAIT 100\n.END\n"
+    start = [f"PCEXECUTE {k}: {name}" for k, name in enumerate(("c1", "c2", "w1", "w2"), start=1)]
+    bench = AsBench(program("n0 = 0", *start, "WHILE TRUE DO", "n0 = n0+1", "END") + subs + waits)
+    bench.start().advance(1.0)
+    counts = [bench.value(f"n{k}") for k in range(3)]
+    assert max(counts) - min(counts) <= 5
+    assert sum(counts) == pytest.approx(1.0 / 2e-5 / 3, rel=0.01)
+
+
+def test_point_defines_the_rightmost_of_a_compound_location() -> None:
+    """Relative to the rest, as HERE does; a component of it, too. An undefined rest is E0103."""
+    bench = ran("POINT a = TRANS(100,0,0,90)", "POINT c = TRANS(10,20,30,40,50,60)",
+                "POINT a+b = c", "POINT d = a+b", "x = DISTANCE(c,d)", "POINT/Z a+b = TRANS(0,0,7)",
+                "z = DZ(b)", "y = DX(b)")  # fmt: skip
+    assert bench.value("x") == pytest.approx(0.0, abs=1e-3)
+    assert bench.value("z") == pytest.approx(7.0, abs=1e-4)
+    assert bench.value("y") == pytest.approx(20.0, abs=1e-4)
+    assert AsBench(program("POINT q+b = NULL")).fail().code == "E0103"
+
+
+@pytest.mark.parametrize(
+    ("lines", "code"),
+    [(("HERE p", "POINT/EXT q = p"), "E0111"), (("MVWAIT 1 S",), "E0111"),
+     (("SPEED 5 DEG/S",), "E0111"), (("x = SWITCH(WIBBLE)",), "P0116"),
+     (("x = TASK(7)",), "E0106"), (("GOTO 5", "FOR i = 1 TO 2", "5 x = 1", "END"), "P0141")],
+)  # fmt: skip
+def test_a_step_that_cannot_be_executed_stops_with_its_code(
+    lines: tuple[str, ...], code: str
+) -> None:
+    """Options of a controller, names that do not exist, and a loop that GOTO has entered."""
+    assert AsBench(program(*lines)).fail().code == code
+
+
+def test_joint_values_are_a_goal_of_lappro_and_a_configuration_of_point() -> None:
+    """20 mm before a place 50 mm below is 30 mm below."""
+    bench = ran("HERE p", "POINT #q = SHIFT(p BY 0,0,-50)", "POINT #r = p,#q",
+                "e = DISTANCE(#r,p)", "LAPPRO #q,20", "BREAK", "d = DISTANCE(DEST,p)")  # fmt: skip
+    assert bench.value("d") == pytest.approx(30.0, abs=0.01)
+    assert bench.value("e") == pytest.approx(0.0, abs=0.01)
+
+
+# --- the tables of the compiler, and anything at all ----------------------------------------------
 
 
 def test_the_instructions_that_are_executed_are_those_that_the_language_lists() -> None:
@@ -13,3 +146,46 @@ def test_the_instructions_that_are_executed_are_those_that_the_language_lists() 
 def test_every_word_of_a_dear_step_is_an_instruction_or_a_function() -> None:
     """A word that is neither would never count."""
     assert {*INSTRUCTIONS, *ALL_NAMES} >= DEAR
+
+
+WORDS = st.sampled_from(sorted(EMULATED - {"SWITCH"}))
+MODES = st.sampled_from(["", "", "/ERR", "/LVL"])
+SPELLED = """
+    1 -1 0 2 1001 2001 -2001 x a[1] $s "txt" p #j HERE #HERE NULL @n .l main 9999 1E9 0.5
+    TRANS(1,2,3) undefined ON #[0,0,-90,0,-90,0] RX(5) other $t[1] ip[1]
+"""
+PHRASES = ["", "1 MM/S", "x AND 2001", "SHIFT(HERE BY 5,0,0)", "CALL other", "GOTO 10", "TILL 2001"]
+ARGUMENTS = st.sampled_from([*SPELLED.split(), *PHRASES])
+BETWEEN = st.sampled_from([",", ",", "=", " "])
+DEFINED = (
+    "x = 1", "a[1] = 2", '$s = "x"', '$t[1] = "a"', "HERE p", "HERE #j", "@n = 3", ".l = 1",
+    "ip[1] = 127", "ip[2] = 0", "ip[3] = 0", "ip[4] = 1",
+)  # fmt: skip
+
+
+@st.composite
+def instructions(draw: st.DrawFn) -> str:
+    """A line with an instruction, its mode, the number before a colon, and arguments."""
+    given_ones = draw(st.lists(ARGUMENTS, max_size=6))
+    before = draw(st.sampled_from(["", "", "1: ", "2: "]))
+    return f"{draw(WORDS)}{draw(MODES)} {before}{draw(BETWEEN).join(given_ones)}"
+
+
+@settings(max_examples=80, deadline=None)
+@given(instructions(), instructions())
+def test_a_program_runs_or_stops_with_an_error_of_as(first: str, second: str) -> None:
+    """Also when a signal comes, the pendant holds, and the program continues."""
+    try:
+        bench = AsBench(program(*DEFINED, first, second, "10 x = 2") + program(name="other"))
+    except AsSyntaxError:
+        return
+    bench.start().advance(0.02)
+    bench.machine.hardware.signals.set(2001)
+    bench.advance(0.02)
+    bench.pendant.hold()
+    try:
+        bench.pendant.run()
+    except AsError:
+        assert bench.machine.control.error is not None or not bench.robot.motor_power
+    bench.advance(0.02)
+    assert all(stop.error.code for stop in bench.machine.stops)

@@ -77,8 +77,7 @@ def test_conf_variable_off_lets_everything_else_move() -> None:
 
 @pytest.mark.parametrize(
     ("speed", "slow_mm_s"),
-    [("SPEED 500 MM/S ALWAYS", 200.0), ("SPEED 90 ALWAYS", 200.0), ("SPEED 50 MM/S ALWAYS", 50.0),
-     ("SPEED 2 ALWAYS", 40.0), ("SPEED 0.1 S ALWAYS", 200.0)],
+    [("SPEED 500 MM/S ALWAYS", 200.0), ("SPEED 2 ALWAYS", 40.0), ("SPEED 0.1 S ALWAYS", 200.0)],
 )  # fmt: skip
 def test_slow_start_limits_the_first_motion_to_the_slow_repeat_speed(
     speed: str, slow_mm_s: float
@@ -168,10 +167,9 @@ def test_a_signal_that_waits_for_the_axes_leaves_the_motions_blended(cp: str, at
     assert (misses.min() > 0.1) == (cp == "CP ON")
 
 
-@pytest.mark.parametrize("ahead", [1, 4])
-def test_a_signal_waits_for_every_motion_before_it(ahead: int) -> None:
+def test_a_signal_waits_for_every_motion_before_it() -> None:
     """Also for those that the controller has taken ahead, and for a pause."""
-    behaviour = FAST.model_copy(update={"motions_ahead": ahead})
+    behaviour = FAST.model_copy(update={"motions_ahead": 4})
     bench = AsBench(program(*SQUARE, ASIDE, "LMOVE p", "DELAY 0.3", "SIGNAL 1", "t = TIMER(0)"),
                     behaviour).run()  # fmt: skip
     assert bench.value("t") == pytest.approx(1.97, abs=0.1)

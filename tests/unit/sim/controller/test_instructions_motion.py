@@ -58,19 +58,17 @@ def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
     assert np.diff(trace.speed_mm_s).max() < 2.0 + 1e-6  # 2 m/s^2 is 2 mm/s each ms
 
 
-@pytest.mark.parametrize("percent", [10, 50, 100])
-def test_the_monitor_speed_multiplies_every_program_speed(percent: int) -> None:
-    """Linear and joint motions alike; also MC SPEED during a motion."""
-    for move in ("LMOVE SHIFT(p BY 30,0,0)", "DRIVE 1,10,20"):
+@pytest.mark.parametrize("move", ["LMOVE SHIFT(p BY 30,0,0)", "DRIVE 1,10,20"])
+def test_the_monitor_speed_multiplies_every_program_speed(move: str) -> None:
+    """Linear and joint motions alike."""
+    fastest = []
+    for percent in (100, 50):
         bench = AsBench(program("HERE p", "SPEED 60 MM/S", move, "BREAK"))
         bench.pendant.monitor_speed(percent)
-        trace, rates = Trace(bench), []
+        trace = Trace(bench)
         bench.run()
-        rates = trace.speed_mm_s.max()
-        reference = AsBench(program("HERE p", "SPEED 60 MM/S", move, "BREAK"))
-        full = Trace(reference)
-        reference.run()
-        assert rates == pytest.approx(full.speed_mm_s.max() * percent / 100, rel=0.03)
+        fastest.append(trace.speed_mm_s.max())
+    assert fastest[1] == pytest.approx(0.5 * fastest[0], rel=0.03)
 
 
 def test_speed_without_always_is_for_the_next_motion_only() -> None:
@@ -83,13 +81,6 @@ def test_speed_without_always_is_for_the_next_motion_only() -> None:
     half = int(bench.value("a") * 1000)
     assert trace.speed_mm_s[:half].max() == pytest.approx(80.0, rel=0.02)
     assert trace.speed_mm_s[half:].max() == pytest.approx(40.0, rel=0.02)
-
-
-def test_speed_in_seconds_is_the_time_of_the_motion() -> None:
-    """SPEED 2 S: two seconds and the ramps."""
-    bench = AsBench(program("HERE p", "SPEED 2 S", "LMOVE SHIFT(p BY 40,0,0)", "BREAK",
-                            "t = TIMER(0)")).run()  # fmt: skip
-    assert bench.value("t") == pytest.approx(2.05, abs=0.06)
 
 
 def corner(cp: str, accuracy_mm: float) -> tuple[AsBench, Trace]:
@@ -153,43 +144,6 @@ def test_a_relative_motion_starts_from_the_end_of_the_motions_ahead(relative: st
     start, destination = ahead.value("p"), ahead.value("d")
     off_mm = destination.x - start.x, destination.z - start.z
     assert off_mm == pytest.approx((20.0, 0.0), abs=0.1)
-
-
-def test_a_stream_of_short_moves_is_faster_with_cp_and_accuracy() -> None:
-    """Ten moves of 2 mm: with CP ON they flow, with CP OFF each one stops."""
-    times = {}
-    for cp in ("CP ON", "CP OFF"):
-        bench = AsBench(
-            program(
-                cp,
-                *SQUARE,
-                "ACCURACY 5 ALWAYS",
-                "FOR i = 1 TO 10",
-                "LMOVE SHIFT(p BY 2*i,0,0)",
-                "END",
-                "BREAK",
-                "t = TIMER(0)",
-            )
-        )
-        times[cp] = bench.run().value("t")
-    assert times["CP ON"] < 0.6 * times["CP OFF"]
-
-
-def test_delay_and_stable_keep_the_arm_standing_between_motions() -> None:
-    """DELAY 0.5 between two motions: they do not blend, and half a second passes."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 10,0,0)", "DELAY 0.5",
-                            "LMOVE SHIFT(p BY 20,0,0)", "BREAK"))  # fmt: skip
-    trace = Trace(bench)
-    bench.run()
-    still = np.convolve(trace.speed_mm_s < 1e-9, np.ones(490), "valid").max()
-    assert still >= 489
-
-
-def test_mvwait_waits_until_so_much_is_left() -> None:
-    """MVWAIT 20 of a 50 mm motion."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "MVWAIT 20",
-                            "a = DX(HERE)-DX(p)", "BREAK")).run()  # fmt: skip
-    assert 26.0 < bench.value("a") < 31.0
 
 
 def test_drive_and_draw_have_a_speed_of_their_own() -> None:

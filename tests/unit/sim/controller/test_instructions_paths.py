@@ -99,12 +99,6 @@ def test_a_motion_after_c1move_alone_is_e1097_and_c2move_alone_e1098() -> None:
     bench.run("next_one")
 
 
-@pytest.mark.parametrize("third", [(40, 0), (20, 0), (0, 0)])
-def test_three_points_on_a_line_are_e1099(third: tuple[int, int]) -> None:
-    """Also two equal ones."""
-    assert codes(f"C1MOVE {at(20, 0)}", f"C2MOVE {at(*third)}") == ["E1099"]
-
-
 def test_an_arc_out_of_reach_is_refused_before_it_starts() -> None:
     """The circle leaves the range of the arm though its points do not."""
     bench = AsBench(program("JMOVE #[0,80,-20,0,-20,0]", "BREAK", "HERE p",
@@ -161,21 +155,6 @@ def test_xmove_lvl_takes_the_state_and_err_refuses_it() -> None:
 # --- ALIGN, MON_SPEED -----------------------------------------------------------------------------
 
 
-def test_align_turns_the_tool_to_the_nearest_axis_and_keeps_the_tcp() -> None:
-    """From 20 degrees aside back to straight down; twice changes nothing."""
-    bench, trace = traced("LMOVE p+RX(20)", "BREAK", "ALIGN", "BREAK", "POINT q = DEST", "ALIGN")
-    assert bench.value("q").a == pytest.approx(180.0, abs=0.01)
-    assert np.ptp(trace.mm, axis=0).max() < 0.01
-
-
-def test_mon_speed_sets_the_monitor_speed() -> None:
-    """Also from a PC program; MSPEED reads it."""
-    bench, trace = traced("MON_SPEED 40", "m = MSPEED", f"LMOVE {at(20, 0)}")
-    assert bench.value("m") == 40
-    assert trace.speed_mm_s.max() == pytest.approx(40.0, rel=0.02)
-    assert codes("MON_SPEED 0") == ["E0106"]
-
-
 # --- clamps ---------------------------------------------------------------------------------------
 
 
@@ -209,13 +188,6 @@ def test_the_clamp_of_a_motion_acts_at_its_end() -> None:
     assert [mm for _, mm in reports] == pytest.approx([20.0, 40.0, 60.0], abs=2.0)
     early = "PREFETCH.SIGINS ON"  # TWAIT does not wait for the motion
     assert clamped(early, f"LMOVE {at(20, 0)},1", "TWAIT 0.1", "BRAKE")[1] == []
-
-
-def test_clamp_opens_and_closes_when_the_arm_rests() -> None:
-    """Positive opens here, negative closes; the program does not wait."""
-    _, reports = clamped(f"LMOVE {at(30, 0)}", "CLAMP 1,-2", "n = 1", "BREAK")
-    assert [line for line, _ in reports] == ["clamp 1: open", "clamp 2: closed"]
-    assert reports[0][1] == pytest.approx(30.0, abs=0.1)
 
 
 @pytest.mark.parametrize("line", ["OPENI 9", "CLOSES 0", "CLAMP 99", "LMOVE p,9", "OPEN 9"])

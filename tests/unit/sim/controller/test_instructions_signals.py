@@ -75,11 +75,3 @@ def test_dlysig_switches_later_and_does_not_wait() -> None:
                             "v = TIMER(0)")).run()  # fmt: skip
     times = [bench.value(name) for name in "tuv"]
     assert times == pytest.approx([0.0, 0.1, 0.2], abs=0.003)
-
-
-def test_bits32_sets_up_to_32_signals() -> None:
-    """BITS has 16."""
-    bench = AsBench(program("BITS32 101,20 = 2^19+5", "x = BITS32(101,20)")).run()
-    assert bench.value("x") == 2**19 + 5
-    assert AsBench(program("BITS32 1,33 = 1")).fail().code == "E0106"
-    assert AsBench(program("BITS 1,17 = 1")).fail().code == "E0106"

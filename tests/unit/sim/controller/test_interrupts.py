@@ -111,13 +111,6 @@ def test_a_pc_program_may_use_on_and_not_oni() -> None:
     assert run("PCEXECUTE 1: pc", "TWAIT 1", more=SERVE + pc).codes == ["E1095"]
 
 
-def test_a_subroutine_in_use_elsewhere_is_p1014() -> None:
-    """As with CALL."""
-    busy = program("CALL serve", name="busy")
-    more = program("TWAIT 3", name="serve") + busy
-    assert run("ON 2001 CALL serve", "PCEXECUTE 1: busy", *COUNT, more=more).codes == ["P1014"]
-
-
 def test_the_next_run_of_a_program_starts_without_interrupts() -> None:
     """They end with the program that set them."""
     bench = run("ON 2003 CALL serve", "TWAIT 0.3")
@@ -125,15 +118,3 @@ def test_the_next_run_of_a_program_starts_without_interrupts() -> None:
     bench.advance(0.1)
     assert bench.value("served") == 0
     assert bench.machine.control.interrupts == []
-
-
-def test_on_lets_an_arc_finish_that_the_program_waits_for() -> None:
-    """Both of its halves."""
-    bench = AsBench(program(*ZEROS, *SQUARE, "ON 2001 CALL serve", "C1MOVE SHIFT(p BY 20,20,0)",
-                            "C2MOVE SHIFT(p BY 40,0,0)", "n = 1")
-                    + program("d = DISTANCE(DEST,p)", name="serve")).start()  # fmt: skip
-    bench.advance(0.1)
-    bench.machine.hardware.signals.set(2001)
-    bench.advance(3.0)
-    assert bench.value("d") == pytest.approx(40.0, abs=0.1)
-    assert bench.value("n") == 1

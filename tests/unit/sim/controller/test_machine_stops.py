@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.controller.behaviour import pessimistic
-from tests.fakes.as_bench import AsBench, program
+from tests.fakes.as_bench import FAST, AsBench, program
 from tests.fakes.as_trace import SQUARE, Trace
 
 
@@ -29,34 +29,16 @@ def test_brake_from_a_pc_program_stops_within_v2_over_2a() -> None:
     assert trace.speed_mm_s[at + 42 :].max() < 1e-6
 
 
-def test_brake_drops_the_motion_ahead_and_the_pessimistic_controller_starts_it() -> None:
+def test_brake_drops_all_motions_ahead_and_the_pessimistic_controller_starts_it() -> None:
     """The open question of the facts, both readings."""
-    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "LMOVE SHIFT(p BY 0,50,0)", "n = 1",
-                     "BREAK")  # fmt: skip
-    kind, _ = braked(source, 0.5)
+    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "LMOVE SHIFT(p BY 0,50,0)",
+                     "LMOVE SHIFT(p BY 0,50,0)", "n = 1", "BREAK")  # fmt: skip
+    kind, _ = braked(source, 0.5, behaviour=FAST.model_copy(update={"motions_ahead": 4}))
     hard, _ = braked(source, 0.5, behaviour=pessimistic(2e-5))
     start = AsBench(source).task.machine.here()
     assert kind.task.machine.here().y == pytest.approx(start.y, abs=0.1)
     assert hard.task.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
     assert kind.value("n") == 1
-
-
-def test_brake_in_the_robot_program_waits_for_the_stop() -> None:
-    """The next step starts with the arm at rest, short of the target."""
-    bench = AsBench(
-        program(
-            *SQUARE,
-            "PREFETCH.SIGINS ON",
-            "LMOVE SHIFT(p BY 100,0,0)",
-            "TWAIT 0.3",
-            "BRAKE",
-            "a = DX(HERE)-DX(p)",
-            "TWAIT 0.2",
-            "b = DX(HERE)-DX(p)",
-        )
-    ).run()
-    assert 25.0 < bench.value("a") < 35.0
-    assert bench.value("b") == pytest.approx(bench.value("a"), abs=0.02)
 
 
 def test_hold_decelerates_and_run_finishes_the_motion() -> None:
@@ -119,21 +101,3 @@ def test_an_emergency_stop_brakes_and_nothing_moves_until_power_and_run() -> Non
     bench.pendant.run()
     assert bench.advance(3.0, lambda: bench.task.state == "idle")
     assert np.linalg.norm(trace.mm[-1] - trace.mm[0]) < 0.1
-
-
-def test_the_end_of_the_program_is_not_the_end_of_its_motion() -> None:
-    """The arm arrives after the last step."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 30,0,0)")).start()
-    bench.advance(0.05)
-    assert bench.task.machine.task_state(1) == 3
-    bench.advance(1.0)
-    assert bench.task.machine.task_state(1) == 0
-
-
-def test_motors_off_refuse_a_motion() -> None:
-    """P1000 when a running program meets a dead robot is impossible: power off holds it."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK")).start()
-    bench.advance(0.1)
-    bench.pendant.motor_power(on=False)
-    bench.advance(0.5)
-    assert bench.task.state == "held"

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from sim.controller.planner import reach_error
 from tests.fakes.as_bench import AsBench, program
 from tests.fakes.as_trace import SQUARE, Trace
 
@@ -76,6 +75,7 @@ def test_at_a_pole_of_a_only_the_sum_or_the_difference_counts(q, xyz, angle) -> 
         (("TOOL TRANS(0,0,20)", "JMOVE p"), (0, 0, 20)),
         (("BASE TRANS(0,0,0,90)", "DRAW 10,0,0", "BREAK", "BASE NULL"), (0, 10, 0)),
         (("TOOL TRANS(0,0,100)", "LMOVE HERE+RX(10)"), (0, None, None)),
+        (("TOOL TRANS(0,0,100)", "LMOVE HERE+RX(10)", "ALIGN"), (0, 0, 0)),
     ],
 )  # fmt: skip
 def test_every_motion_instruction_goes_to_its_target(lines, moved) -> None:
@@ -98,25 +98,6 @@ def test_a_turn_about_the_tools_point_leaves_that_point_where_it_is() -> None:
     begin = len(trace.points)
     assert bench.advance(5.0, lambda: bench.task.state == "idle")
     assert np.ptp(trace.mm[begin:], axis=0).max() < 1e-3
-
-
-def test_drive_turns_one_joint_by_its_angle() -> None:
-    """The others stand."""
-    bench = AsBench(program("DRIVE 3,12.5", "DRIVE 6,-30", "BREAK", "TWAIT 0.2",
-                            "POINT #a = #HERE", "DECOMPOSE j[1] = #a")).run()  # fmt: skip
-    assert [bench.value(f"j[{k}]") for k in range(1, 7)] == pytest.approx(
-        [0, 0, -77.5, 0, -90, -30], abs=0.01
-    )
-
-
-def test_point_computes_joints_and_back() -> None:
-    """POINT #j = p solves the inverse kinematics, POINT p = #j the forward one."""
-    bench = AsBench(program("POINT p = TRANS(100,500,300,20,170,30)", "POINT #j = p",
-                            "POINT q = #j", "DECOMPOSE x[1] = q",
-                            "POINT/OAT r = p", "POINT/X r = q", "y = DX(r)")).run()  # fmt: skip
-    numbers = [bench.value(f"x[{k}]") for k in range(1, 7)]
-    assert numbers == pytest.approx([100, 500, 300, 20, 170, 30], abs=1e-3)
-    assert bench.value("y") == pytest.approx(100, abs=1e-3)
 
 
 def test_here_is_relative_to_a_frame_when_asked() -> None:
@@ -144,18 +125,6 @@ def test_targets_that_cannot_be_reached_stop_before_anything_moves(line: str, co
     assert bench.fail().code == code
     bench.advance(0.5)
     assert np.ptp(trace.mm, axis=0).max() < 1e-6
-
-
-def test_reasons_of_the_kinematics_have_the_manuals_codes() -> None:
-    """Out of range, a singular pose on the path, another posture needed."""
-    reasons = (
-        "joint 3 would be at 160 deg, its limits are -157 .. 157 deg",
-        "out of reach: far",
-        "not reachable from here: a singular pose is in the way",
-        "joint 4 would jump",
-    )
-    codes = [reach_error(reason).code for reason in reasons]
-    assert codes == ["E6007", "E6007", "E6016", "E6008"]
 
 
 def test_a_motion_ahead_that_cannot_be_reached_fails_at_its_own_step() -> None:

@@ -67,19 +67,6 @@ def test_the_motor_current_is_that_of_iqarm() -> None:
     assert [bench.value(name) for name in "abc"] == [12.5, 12.5, 12.5]
 
 
-def test_the_error_that_is_pending_is_read_by_its_number() -> None:
-    """As ERROR does."""
-    bench = AsBench(program("PCEXECUTE 1: bad", "TWAIT 0.1", "x = SYSDATA(ERROR.CODE)")
-                    + program("y = 1/0", name="bad")).start()  # fmt: skip
-    bench.advance(0.5)
-    assert bench.value("x") == -30108
-
-
-def test_the_name_of_the_arm_is_a_text() -> None:
-    """The folder of its model, in capitals."""
-    assert AsBench(program("$n = $SYSDATA(ZROB.NAME)")).run().value("$n") == "RS007L"
-
-
 @pytest.mark.parametrize(
     ("line", "code"),
     [("x = SYSDATA(WIBBLE)", "P0116"), ("x = SYSDATA(MTR.RPM)", "P0116"),

@@ -4,30 +4,16 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Protocol
 
 import pytest
 
-from sim.controller.network import LOOPBACK, MemoryNetwork, Network, SocketNetwork
+from sim.controller.network import LOOPBACK, MemoryNetwork, SocketNetwork
 from sim.controller.tcp import CANNOT_CREATE, CANNOT_REACH, OK, TIMED_OUT, TOO_LONG, TcpResult
 from sim.controller.udp import UdpUnit
 from tests.fakes.as_bench import AsBench, program
 
 PORT = 49152
 PATIENCE_S = 5.0
-
-
-class World(Protocol):
-    """A network with a client that sends to PORT and receives what is sent to it."""
-
-    network: Network
-    port: int  # of the client
-
-    def cast(self, data: bytes) -> None:
-        """Send a datagram to the controller."""
-
-    def received(self) -> tuple[bytes, int | None] | None:
-        """Return a datagram and the port it came from, where that is known."""
 
 
 class Sockets:
@@ -73,6 +59,9 @@ class Memory:
 
     def close(self) -> None:
         """Nothing to release."""
+
+
+World = Sockets | Memory
 
 
 @pytest.fixture(params=[Sockets, Memory])
@@ -158,26 +147,6 @@ def test_a_datagram_for_a_port_that_is_not_bound_is_lost() -> None:
     assert UdpUnit(network).receive(PORT, 0, longest=255)(0) == TcpResult(TIMED_OUT)
 
 
-def test_a_program_echoes_datagrams_and_waits_for_them() -> None:
-    """The peer's address goes from UDP_RECVFROM to UDP_SENDTO."""
-    bench = AsBench(program(f"UDP_RECVFROM r, {PORT}, $s[1], n, 5, ip[1]", "t = TIMER(0)",
-                            "UDP_SENDTO q, ip[1], 50002, $s[1], n, 1")).start()  # fmt: skip
-    bench.advance(0.3)
-    bench.network.cast(PORT, b"hello", (10, 0, 0, 7))
-    bench.advance(0.1)
-    assert (bench.value("r"), bench.value("q"), bench.value("n")) == (0, 0, 1)
-    assert bench.value("t") == pytest.approx(0.3, abs=0.01)
-    assert list(bench.network.sent) == [(b"hello", (10, 0, 0, 7), 50002)]
-    bench.machine.hardware.close_sockets()
-    assert bench.network.bound_udp == {}
-
-
-def test_nothing_received_in_time_is_34024_and_no_element() -> None:
-    """The sender's address stays as it was."""
-    bench = AsBench(program("ip[1] = 5", f"UDP_RECVFROM r, {PORT}, $s[1], n, 1, ip[1]")).run()
-    assert [bench.value(name) for name in ("r", "n", "ip[1]")] == [TIMED_OUT, 0, 5]
-
-
 @pytest.mark.parametrize(
     ("line", "code"),
     [("UDP_RECVFROM r, 80, $s[1], n, 1, ip[1]", "E0106"),
@@ -206,22 +175,3 @@ def test_udp_send_nobind_is_read_from_the_switch(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(bench.machine.hardware.udp, "send", send)
         bench.run()
     assert asked == [True, False]
-
-
-def test_tcp_status_fills_five_arrays_that_close_what_an_abort_left() -> None:
-    """As public programs do at their start: sockets that are not 0 are closed."""
-    bench = AsBench(program(f"TCP_LISTEN r, {PORT}", f"TCP_ACCEPT s, {PORT}, 5", "PAUSE")
-                    + program("TCP_STATUS n, p[0], k[0], e[0], d[0], $ip[0]", "FOR i = 0 TO n-1",
-                              "IF k[i] <> 0 THEN", "TCP_CLOSE q, k[i]", "END", "END",
-                              f"TCP_END_LISTEN r, {PORT}", name="clean")).start()  # fmt: skip
-    bench.advance(0.1)
-    bench.network.dial(PORT, (10, 0, 0, 7))
-    bench.advance(0.1)
-    bench.pendant.abort()
-    bench.advance(0.1)
-    bench.run("clean")
-    assert [bench.value(name) for name in ("n", "p[0]", "k[0]", "p[1]", "q", "r")] == [
-        2, PORT, 0, PORT, 0, 0,
-    ]  # fmt: skip
-    assert (bench.value("$ip[0]"), bench.value("$ip[1]")) == ("0.0.0.0", "10.0.0.7")
-    assert (bench.machine.tcp.sockets, bench.machine.tcp.listening) == ((), ())

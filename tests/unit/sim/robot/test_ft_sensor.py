@@ -24,10 +24,13 @@ def many(settings: SimSettings, count: int, seed: int = 0) -> np.ndarray:
     return np.array([np.concatenate((s.force_N, s.torque_Nm)) for s in samples])
 
 
-def test_a_clean_sensor_adds_nothing_but_its_bias():
-    """Without noise and steps the reading is the load plus the bias."""
+def test_a_clean_sensor_adds_nothing_but_its_bias_and_counts_its_samples():
+    """Without noise and steps the reading is the load plus the bias; the counter shows a loss."""
     settings = SimSettings(**CLEAN, bias_force_N=(1.0, 2.0, 3.0), bias_torque_Nm=(0.1, 0.2, 0.3))
-    assert many(settings, 1)[0] == pytest.approx([11.0, -18.0, 33.0, 0.6, -0.05, 1.3])
+    sensor = FtSensor(settings, ON_TOOL, seed=0)
+    first, second = sensor.sample(), sensor.sample()
+    assert (*first.force_N, *first.torque_Nm) == pytest.approx([11, -18, 33, 0.6, -0.05, 1.3])
+    assert (first.counter, second.counter) == (1, 2)
 
 
 def test_noise_has_the_spread_that_was_set():
@@ -73,10 +76,3 @@ def test_beyond_the_range_a_sample_is_saturated(axis, sign):
         assert sample.status == status
         assert max(abs(sample.force_N)) <= 100.0
         assert max(abs(sample.torque_Nm)) <= 5.0
-
-
-def test_samples_are_counted_from_one():
-    """The counter shows a lost sample."""
-    sensor = FtSensor(SimSettings(), ON_TOOL, seed=0)
-    counts = [sensor.sample().counter for _ in range(3)]
-    assert counts == [1, 2, 3]

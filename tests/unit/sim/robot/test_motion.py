@@ -57,7 +57,7 @@ def joint_speed_share(q: np.ndarray) -> float:
 
 
 @given(moves, turns, speeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_a_pose_goal_arrives_on_a_straight_line(move, turn, speed):
     """It ends at the goal; until then it leaves neither the line nor the axis of turning."""
     motion, goal = MotionGenerator(ARM, HOME), moved(move, turn)
@@ -76,7 +76,7 @@ def test_a_pose_goal_arrives_on_a_straight_line(move, turn, speed):
 
 
 @given(moves, speeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     """The flange's speed is a trapezoid within the numbers of the goal."""
     motion = MotionGenerator(ARM, HOME)
@@ -100,7 +100,7 @@ def test_a_long_goal_takes_the_time_of_its_trapezoid():
 
 
 @given(joint_moves, speeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_a_joint_goal_moves_all_joints_together(travel, speed):
     """Every joint has gone the same share of its travel at any time, and all arrive."""
     motion = MotionGenerator(ARM, HOME)
@@ -113,15 +113,6 @@ def test_a_joint_goal_moves_all_joints_together(travel, speed):
     assert q - HOME == pytest.approx(np.outer(share, travel), abs=1e-9)
     assert flange_speeds_m_s(q).max() <= speed.mechanical_m_s * 1.01
     assert joint_speed_share(q) <= 1.0 + 1e-6
-
-
-def test_a_relative_goal_counts_from_the_command_at_its_start():
-    """Twice the same relative goal goes twice as far, without creeping."""
-    motion, travel = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
-    for times in (1, 2):
-        assert motion.start_joints(motion.q_command + travel, Speed(mechanical_m_s=0.25)) == ""
-        finish(motion)
-        assert motion.q_command == pytest.approx(HOME + times * travel, abs=1e-12)
 
 
 def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
@@ -158,24 +149,6 @@ def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
     assert np.array_equal(motion.tick(DT_S), q[-1])
 
 
-def test_a_new_goal_is_refused_during_a_motion():
-    """Goals do not replace each other silently; after a brake the next one is taken."""
-    motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + 0.1, Speed()) == ""
-    motion.tick(DT_S)
-    before = motion.q_command
-    for answer in (
-        motion.start_joints(HOME, Speed()),
-        motion.start_pose(T_HOME, Speed()),
-        motion.setpoint(T_HOME),
-    ):
-        assert "brake first" in answer
-    assert np.array_equal(motion.q_command, before)
-    motion.brake()
-    finish(motion)
-    assert motion.start_joints(HOME, Speed()) == ""
-
-
 @pytest.mark.parametrize(
     ("move", "words"),
     [
@@ -192,37 +165,6 @@ def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, wo
     assert np.array_equal(motion.tick(DT_S), HOME)
 
 
-@pytest.mark.parametrize(
-    ("goal_deg", "words"),
-    [((0, 0, -90, 0, -130, 0), "joint 5"), ((0, math.inf, 0, 0, 0, 0), "finite")],
-)
-def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
-    """The reason names the joint."""
-    motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), Speed())
-    assert motion.state == "idle"
-
-
-def test_a_goal_without_travel_is_done_at_once():
-    """The pose where the arm already stands is reached in one tick."""
-    motion = MotionGenerator(ARM, HOME)
-    assert motion.start_pose(T_HOME, Speed()) == ""
-    motion.tick(DT_S)
-    assert motion.state == "done"
-    assert motion.q_command == pytest.approx(HOME, abs=1e-9)
-
-
-def test_of_streamed_poses_the_newest_wins():
-    """One tick after two poses the command stands at the second one."""
-    motion = MotionGenerator(ARM, HOME)
-    assert motion.setpoint(moved(np.array([0.0002, 0.0, 0.0]))) == ""
-    newest = moved(np.array([0.0, 0.0, -0.0002]), np.array([1e-3, 0.0, 0.0]))
-    assert motion.setpoint(newest) == ""
-    reached = ARM.flange_pose(motion.tick(DT_S))
-    assert pin.log6(reached.actInv(newest)).vector == pytest.approx(0, abs=1e-9)
-    assert motion.state == "stream"
-
-
 def test_a_far_streamed_pose_is_approached_no_faster_than_the_joints_can():
     """The chase keeps every joint's speed limit and arrives."""
     motion, far = MotionGenerator(ARM, HOME), moved(np.array([0.05, 0.0, 0.05]))
@@ -230,17 +172,6 @@ def test_a_far_streamed_pose_is_approached_no_faster_than_the_joints_can():
     q = np.array([HOME] + [motion.tick(DT_S) for _ in range(100)])
     assert joint_speed_share(q) == pytest.approx(1.0)
     assert pin.log6(ARM.flange_pose(q[-1]).actInv(far)).vector == pytest.approx(0, abs=1e-9)
-
-
-def test_a_streamed_pose_out_of_reach_is_refused_and_the_last_one_holds():
-    """A refusal changes nothing: the stream continues from its pose."""
-    motion = MotionGenerator(ARM, HOME)
-    near = moved(np.array([0.0, 0.0, 0.0002]))
-    assert motion.setpoint(near) == ""
-    held = motion.tick(DT_S)
-    assert "jump" in motion.setpoint(moved(np.array([0.35, 0.0, 0.0])))
-    assert "out of reach" in motion.setpoint(moved(np.array([0.0, 0.9, 0.0])))
-    assert np.array_equal(motion.tick(DT_S), held)
 
 
 def test_braking_a_stream_never_goes_beyond_its_last_pose():
@@ -262,12 +193,12 @@ def test_braking_a_stream_never_goes_beyond_its_last_pose():
     assert joint_speed_share(q) <= 1.0 + 1e-6
 
 
-def test_reseed_forgets_everything():
-    """After a reseed the command is the given pose, with no goal left."""
+@pytest.mark.parametrize(
+    ("goal_deg", "words"),
+    [((0, 0, -90, 0, -130, 0), "joint 5"), ((0, math.inf, 0, 0, 0, 0), "finite")],
+)
+def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
+    """The reason names the joint."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + 0.1, Speed()) == ""
-    motion.tick(DT_S)
-    elsewhere = HOME + 0.01
-    motion.reseed(elsewhere)
+    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), Speed())
     assert motion.state == "idle"
-    assert np.array_equal(motion.tick(DT_S), elsewhere)

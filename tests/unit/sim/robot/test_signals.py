@@ -4,15 +4,8 @@ import pytest
 
 from common.config.load import load_cell
 from sim.robot.signals import SimSignals
-from tests.fakes.bench import CELL, DEMO
-from tests.fakes.signals import FOLLOWING, NAMED
-
-
-def test_all_are_off_at_first() -> None:
-    """Every named signal is known, and no other."""
-    signals = SimSignals(load_cell(DEMO, {"signals": NAMED}))
-    assert signals.reading().on == {9: False, 10: False, 11: False, 1001: False}
-    assert SimSignals(CELL).reading().on == {}
+from tests.fakes.bench import DEMO
+from tests.fakes.signals import FOLLOWING
 
 
 @pytest.mark.parametrize("on", [True, False])

@@ -36,7 +36,7 @@ def test_a_stream_endpoint_gets_a_large_receive_buffer(endpoint: str, expected: 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
 def test_only_a_complete_receiver_has_a_large_buffer(role: str) -> None:
-    """A reader of the newest message would read old ones after a stall; one batch has the longest."""
+    """A reader of the newest would read old ones after a stall; a batch has any message."""
     settings = client_settings(HUB, role, {})
     (endpoint,) = settings["connect"]["endpoints"]
     assert endpoint == (f"{HUB}#so_rcvbuf=4000000" if role in HELPERS else HUB)

@@ -102,25 +102,23 @@ def shows(page, place: str, text: str) -> None:
 def test_nothing_of_the_bar_is_cut_off_on_screens_of_labs(monkeypatch, cockpit):
     """Also with two trips, their values and their remedy, a long state, and while pressing."""
     watch, target = watch_on(LONG[0]), pressing(125.0)
-    page = cockpit()
     with served(monkeypatch, watch) as address:
-        page.open(address)
         for width, height in SIZES:
-            page.page.set_viewport_size({"width": width, "height": height})
+            page = cockpit(width, height).open(address)
             for status in LONG:
                 watch.received = snapshot(status, target=target)
                 page.until_state(status.state)
                 shows(page, "setpoint", "125.0 N")
                 assert page.page.evaluate(CUT_OFF) == [], (width, status)
-        cause = page.page.locator("#fm-cause").inner_text()
-        assert "outside the workspace (-412.3 mm, limit -400 mm)" in cause
-        assert "above the ceiling (61.2 N, limit 60 N)" in cause
-        assert "forcemesh back-off" in page.page.locator("#fm-remedy").inner_text()
-        page.tab("Faults")
-        page.until_reply("(61.2 N, limit 60 N)")
+            cause = page.page.locator("#fm-cause").inner_text()
+            assert "outside the workspace (-412.3 mm, limit -400 mm)" in cause
+            assert "above the ceiling (61.2 N, limit 60 N)" in cause
+            assert "forcemesh back-off" in page.page.locator("#fm-remedy").inner_text()
+            page.tab("Faults")
+            page.until_reply("(61.2 N, limit 60 N)")
 
 
-def test_force_and_state_are_seen_from_two_metres(monkeypatch, cockpit):
+def test_force_and_state_are_legible_from_two_metres(monkeypatch, cockpit):
     """Digits of 10 mm, none once the wrench is stale or the panel gone; a colour for each state."""
     active = ArbiterStatus(state="ACTIVE", commander="regulator")
     watch = watch_on(active, target=pressing(25.0))

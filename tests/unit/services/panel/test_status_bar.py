@@ -84,9 +84,9 @@ def lab(rgb):
 @pytest.mark.parametrize("vision", VISION)
 def test_every_two_states_have_colours_that_differ_also_for_the_colour_blind(vision):
     """This matters most for ARMED and ACTIVE; the state's name is shown as well, and legible."""
-    seen = {name: lab(VISION[vision] @ linear(each[0])) for name, each in EVERY_COLOUR.items()}
+    shown = {name: lab(VISION[vision] @ linear(each[0])) for name, each in EVERY_COLOUR.items()}
     for one, other in combinations(EVERY_COLOUR, 2):
-        assert np.linalg.norm(seen[one] - seen[other]) > MIN_DISTANCE, (one, other)
+        assert np.linalg.norm(shown[one] - shown[other]) > MIN_DISTANCE, (one, other)
     for name, colour in EVERY_COLOUR.items():
         low, high = sorted(RGB_TO_XYZ[1] @ linear(each) for each in colour)
         assert (high + 0.05) / (low + 0.05) > MIN_CONTRAST, name

@@ -11,7 +11,7 @@ from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from services.recorder import recording
 from services.recorder.reading import RecordedFile
-from tests.fakes.recorder_bench import RecorderBench
+from tests.fakes.recorder_bench import TRIP, RecorderBench
 
 STEP_S = 0.1
 
@@ -148,7 +148,8 @@ def test_a_fault_writes_memory_to_a_file_and_records_for_a_while(begin: Begin) -
 def test_without_a_new_stop_or_without_memory_nothing_is_written(begin: Begin) -> None:
     """A change into another state, a stop from before the start, and keep_min 0."""
     bench = begin()
-    bench.send(topics.ARBITER_STATUS, ArbiterStatus(state="FAULT"))
+    stopped = ArbiterStatus.from_dict({"state": "FAULT", "trips": (TRIP,)})
+    bench.send(topics.ARBITER_STATUS, stopped)
     bench.pass_s(1.0)
     for state in ("IDLE", "BOOT"):
         bench.trip(state)

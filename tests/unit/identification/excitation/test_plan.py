@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.payload_worlds import CellErrors, attitudes, read, truth
+from bench.payload import CellErrors, attitudes, read, truth
 from cli.calibration import by_arm
 from common.config.load import load_cell
 from common.motion.convert import record_of

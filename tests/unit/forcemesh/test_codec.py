@@ -218,6 +218,7 @@ def test_an_entry_of_a_map_is_named() -> None:
     [
         *((m.Health, "fault", each, "Health") for each in (object(), np.zeros(3), {1, 2}, 1j)),
         (m.Health, "fault", "\udc80", "not a text"),
+        (m.WrenchAtTcp, "force_N", "\udc80", "not a text"),
         (m.WrenchAtTcp, "force_N", object(), "WrenchAtTcp"),
         (
             m.WrenchAtTcp,

@@ -62,8 +62,10 @@ JUDGES = {
     "controller.packet_table": (
         "unit/controller/test_packet",
         "unit/controller/test_forcemesh_as",
+        "unit/controller/test_forcemesh_as_signals",
         "unit/services/gateway/test_packets",
         "unit/services/gateway/test_service_limits",
+        "unit/services/gateway/test_plain_commands",
     ),
     "forcemesh.reader": (
         "unit/forcemesh/test_reader_bounds",

@@ -66,6 +66,8 @@ JUDGES = {
         "unit/services/gateway/test_packets",
         "unit/services/gateway/test_service_limits",
         "unit/services/gateway/test_plain_commands",
+        "unit/services/gateway/test_signals",
+        "unit/tools/test_pages",
     ),
     "forcemesh.reader": (
         "unit/forcemesh/test_reader_bounds",

@@ -12,6 +12,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
+from tests.compose import __main__ as compose_test
 from tests.compose.rig import MOST_REPEATS, Operator, RequirementError
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -29,6 +30,17 @@ def test_without_an_engine_it_reports_that_loudly(
     )  # fmt: skip
     assert done.returncode == code, done.stderr
     assert "NOT TESTED: containers. No engine can be had here" in done.stdout
+
+
+@pytest.mark.parametrize(("ended_with", "code"), [(0, 0), (1, 1), (-9, 1), (77, 1)])
+def test_checks_that_a_signal_ended_have_not_passed(
+    monkeypatch: pytest.MonkeyPatch, ended_with: int, code: int
+) -> None:
+    """Such a process has a negative exit code."""
+    monkeypatch.setattr(compose_test, "Compose", lambda *_: lambda *_: "")
+    ended = subprocess.CompletedProcess([], ended_with)
+    monkeypatch.setattr(compose_test.subprocess, "run", lambda *_, **__: ended)
+    assert compose_test.check("sim", "") == code
 
 
 class Machine:

@@ -1,4 +1,4 @@
-"""Single changes of a module's text that a test must detect, and the tests that judge them.
+"""Single changes of a module's text that a test must detect.
 
 Limits, boundaries, rows of tables, comparisons, guards, calls and returns from a function. Types,
 defaults of arguments and texts for people stay unchanged. `tests.mutate` judges them.
@@ -10,111 +10,39 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = ROOT / "controller" / "forcemesh.as"  # a module by its file's name
 LOOSER = (1.6, 0.1)  # factors of a limit
 PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
-# Tests that judge a module, those most likely to detect a change first.
-JUDGES = {
-    "common.motion.permission": (
-        "unit/common/motion/test_permission",
-        "unit/common/motion/test_permission_two_arbiters",
+# The modules that decide about motion, and what stands between them and the controller.
+MODULES = (
+    "common.motion.last_check",
+    "common.motion.limits",
+    "common.motion.permission",
+    "common.motion.rate_limiter",
+    "common.motion.setpoint_monitor",
+    "common.motion.tracking",
+    "common.motion.unexplained",
+    "common.security.access_control",
+    "controller.packet",
+    "controller.packet_table",
+    "forcemesh.codec",
+    "forcemesh.reader",
+    "services.arbiter.preflight",
+    "services.arbiter.stream",
+    "services.arbiter.watch",
+    "services.regulator.guards",
+    "tuning.gain_rule",
+    *sorted(
+        f"services.{service}.{path.stem}"
+        for service in ("gateway", "wrench")
+        for path in (ROOT / "services" / service).glob("[a-z]*.py")
     ),
-    "common.motion.last_check": (
-        "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_rules",
-        "unit/common/motion/test_last_check_corners",
-        "unit/common/motion/test_back_off",
-        "unit/common/motion/test_last_check_hostile",
-    ),
-    "common.motion.limits": (
-        "unit/common/motion/test_limits",
-        "unit/common/motion/test_limits_windows",
-        "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_corners",
-        "unit/services/arbiter/test_core_limits",
-        "unit/services/arbiter/test_core",
-    ),
-    "common.motion.rate_limiter": (
-        "unit/common/motion/test_rate_limiter",
-        "unit/common/motion/test_limits_windows",
-        "unit/services/arbiter/test_core_limits",
-        "unit/common/motion/test_last_check_corners",
-    ),
-    "common.motion.setpoint_monitor": (
-        "unit/common/motion/test_setpoint_monitor",
-        "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_rules",
-        "unit/common/motion/test_last_check_corners",
-        "unit/common/motion/test_last_check_hostile",
-    ),
-    "common.motion.tracking": (
-        "unit/common/motion/test_tracking",
-        "unit/forcemesh/test_faults_reached",
-    ),
-    "common.motion.unexplained": (
-        "unit/common/motion/test_unexplained",
-        "unit/forcemesh/test_faults_reached",
-    ),
-    "controller.packet": ("unit/controller/test_packet",),
-    "controller.packet_table": (
-        "unit/controller/test_packet",
-        "unit/controller/test_forcemesh_as",
-        "unit/controller/test_forcemesh_as_signals",
-        "unit/services/gateway/test_packets",
-        "unit/services/gateway/test_service_limits",
-        "unit/services/gateway/test_plain_commands",
-        "unit/services/gateway/test_signals",
-        "unit/tools/test_pages",
-    ),
-    "forcemesh.reader": (
-        "unit/forcemesh/test_reader_bounds",
-        "unit/forcemesh/test_bus",
-        "unit/forcemesh/test_reader_rivals",
-        "unit/forcemesh/test_codec_misrouted",
-        "unit/common/motion/test_permission_two_arbiters",
-        "unit/common/motion/test_last_check_corners",
-    ),
-    "common.security.access_control": ("unit/common/security/test_access_control",),
-    "services.regulator.guards": (
-        "unit/services/regulator/test_guards_exact",
-        "unit/services/regulator/test_guards",
-        "unit/services/regulator/test_guards_oscillation",
-        "unit/services/regulator/test_guards_restart",
-        "unit/common/motion/test_last_check_corners",
-        "unit/services/regulator/test_service",
-    ),
-    "tuning.gain_rule": (
-        "unit/tuning/test_gain_rule",
-        "unit/services/regulator/test_service",
-        "unit/tuning/test_advice",
-    ),
-    "services.arbiter.preflight": (
-        "unit/services/arbiter/test_preflight",
-        "unit/services/arbiter/test_preflight_contact",
-        "unit/services/arbiter/test_watch_controller",
-        "unit/services/arbiter/test_core",
-    ),
-    "services.arbiter.stream": (
-        "unit/services/arbiter/test_stream",
-        "unit/services/arbiter/test_stream_clock",
-        "unit/services/arbiter/test_service",
-    ),
-    "services.arbiter.watch": (
-        "unit/services/arbiter/test_watch",
-        "unit/services/arbiter/test_preflight",
-        "unit/common/motion/test_last_check_corners",
-        "unit/services/arbiter/test_watch_health",
-        "unit/services/arbiter/test_watch_controller",
-    ),
-    "services.wrench.calibration_manager": (
-        "unit/services/wrench/test_calibration_manager_tare",
-        "unit/services/wrench/test_calibration_manager",
-    ),
-    "services.wrench.plausibility": ("unit/services/wrench/test_plausibility",),
-}
+)
 COMPARISONS = {
     "<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"),
     "==": ("!=",), "!=": ("==",), "is not": ("is",), "is": ("is not",),
@@ -303,17 +231,16 @@ def _spans_lines(node: ast.expr) -> bool:
 
 def path_of(module: str) -> Path:
     """Return the file of a module."""
+    if module == PROGRAM.name:
+        return PROGRAM
     return ROOT / f"{module.replace('.', '/')}.py"
 
 
-def judges_of(module: str) -> list[str]:
-    """Return the files of the tests that judge a module, from the project's root."""
-    return [f"tests/{name}.py" for name in JUDGES[module]]
-
-
-def files_of(module: str) -> list[str]:
-    """Return the files that determine a module's mutants and their verdicts."""
-    return [str(path_of(module).relative_to(ROOT)), *judges_of(module)]
+def line_of(mutant: Mutant) -> int:
+    """Return the line of the change, from 1."""
+    old = path_of(mutant.module).read_text()
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(old, mutant.text, strict=False))
+    return sum(char == "\n" for char, _ in same) + 1
 
 
 @cache

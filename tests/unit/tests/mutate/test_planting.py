@@ -1,6 +1,5 @@
-"""Kill matrix: what is changed in a process that has imported everything, and who then notices."""
+"""One mutant: what is changed in a process that has imported everything, and who then notices."""
 
-import inspect
 import os
 from collections.abc import Callable
 from functools import partial
@@ -8,9 +7,8 @@ from functools import partial
 import pytest
 
 from common.motion import permission
-from tests import kill_matrix, mutations
-from tests.fakes import controller_talk
-from tests.mutations import Mutant
+from tests.mutate import mutations, planting
+from tests.mutate.mutations import Mutant
 
 MODULE = permission.__name__
 
@@ -33,7 +31,7 @@ def mutants_in(function: str) -> list[Mutant]:
 
 def test_a_change_of_a_function_reaches_all_who_have_imported_it() -> None:
     """The same function object has other code; in this process it is as before."""
-    functions, outranks = kill_matrix.Functions([MODULE]), permission.outranks
+    functions, outranks = planting.Functions([MODULE]), permission.outranks
     before = [outranks(a, b) for a in permission.RANKS for b in permission.RANKS]
 
     def differs(mutant: Mutant) -> bool:
@@ -48,7 +46,7 @@ def test_a_change_of_a_function_reaches_all_who_have_imported_it() -> None:
 
 def test_a_change_of_a_constant_needs_a_new_process() -> None:
     """Others have imported its value already."""
-    functions = kill_matrix.Functions([MODULE])
+    functions = planting.Functions([MODULE])
     constant = mutants_in("module")[0]
     assert in_child(lambda: not functions.change(constant))
 
@@ -57,7 +55,7 @@ def test_the_line_of_a_mutant_is_that_of_its_change() -> None:
     """Counted in the unchanged text, also where lines are inserted."""
     lines = mutations.path_of(MODULE).read_text().splitlines()
     for mutant in mutations.mutants_of(MODULE):
-        line = kill_matrix.line_of(mutant)
+        line = mutations.line_of(mutant)
         assert mutant.text.splitlines()[: line - 1] == lines[: line - 1]
         assert mutant.text.splitlines()[line - 1] != lines[line - 1]
 
@@ -65,7 +63,7 @@ def test_the_line_of_a_mutant_is_that_of_its_change() -> None:
 def test_a_failing_test_is_reported_once_without_its_parameters() -> None:
     """Its other parameters are not run."""
     read, write = os.pipe()
-    kills = kill_matrix.Kills(write, {})
+    kills = planting.Kills(write, {})
     for nodeid in ("a.py::t[1]", "a.py::t[2]"):
         report = pytest.TestReport(nodeid, ("a.py", 1, ""), {}, "failed", None, "call")
         kills.pytest_runtest_logreport(report)
@@ -75,15 +73,21 @@ def test_a_failing_test_is_reported_once_without_its_parameters() -> None:
     assert kills.functions == {"a.py::t"}
 
 
+TEXT = mutations.PROGRAM.read_text("ascii")
+
+
+def loaded(*, text: str = TEXT) -> str:
+    """Return a program whose default was read before."""
+    return text
+
+
 def test_a_changed_program_is_what_tests_load() -> None:
     """Also where it was read before, and as the default of an argument."""
-    text = controller_talk.TEXT.replace("fm.hseq=fm.hseq+1", "fm.hseq=fm.hseq+2")
+    text = TEXT.replace("fm.hseq=fm.hseq+1", "fm.hseq=fm.hseq+2")
 
     def is_loaded() -> bool:
-        kill_matrix.change_program(text)
-        default = inspect.signature(controller_talk.Talk).parameters["text"].default
-        read = kill_matrix.PROGRAM.read_text("ascii")
-        return {controller_talk.TEXT, default, read} == {text}
+        planting.change_program(text)
+        return {TEXT, loaded(), mutations.PROGRAM.read_text("ascii")} == {text}
 
-    assert text != controller_talk.TEXT
+    assert text != TEXT
     assert in_child(is_loaded)

@@ -59,6 +59,11 @@ class Case:
         return random.Random(f"second {self.name}/{self.seed}").choice(others)
 
     @property
+    def ends_who_reports(self) -> bool:
+        """Whether robot and arbiter end together: no process is left that knows a cause."""
+        return {self.role, self.second_role} == {"robot", "arbiter"}
+
+    @property
     def hits_the_arm(self) -> bool:
         """Whether the target process contains the arm."""
         return self.role == ("robot" if self.cell == "sim" else "sensor")

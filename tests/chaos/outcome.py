@@ -73,14 +73,15 @@ def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
 def _rules_of_a_hold(outcome: Outcome, limits: OutcomeLimits) -> tuple[tuple[bool, str], ...]:
     last_s, still_s = outcome.last_accepted_s or 0.0, outcome.still_s or 0.0
     never_stood = outcome.still_s is None and not outcome.arm_ended
-    shows_nothing = bool(outcome.cause) and not outcome.status_shows
+    cause_due = not outcome.case.ends_who_reports
+    shows_nothing = bool(outcome.cause or not cause_due) and not outcome.status_shows
     return (
         (last_s > LAST_ACCEPTED_S, f"motion was accepted {last_s * 1e3:.0f} ms after the fault"),
         (never_stood, "the arm did not come to a stand"),
         (still_s > limits.still_s, f"the arm stood only after {still_s * 1e3:.0f} ms"),
         (outcome.moved_m > DRIFT_M, f"it moved {outcome.moved_m * 1e3:.2f} mm without arming"),
         (bool(outcome.provoked), f"{', '.join(outcome.provoked)} accepted without arming"),
-        (not outcome.cause, "nothing named a cause"),
+        (cause_due and not outcome.cause, "nothing named a cause"),
         (shows_nothing, "forcemesh status did not show it"),
         (not outcome.recovered, outcome.note),
     )

@@ -38,8 +38,8 @@ def test_checks_that_a_signal_ended_have_not_passed(
 ) -> None:
     """Such a process has a negative exit code."""
     monkeypatch.setattr(compose_test, "Compose", lambda *_: lambda *_: "")
-    ended = subprocess.CompletedProcess([], ended_with)
-    monkeypatch.setattr(compose_test.subprocess, "run", lambda *_, **__: ended)
+    ended = subprocess.CompletedProcess[str]([], ended_with)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
     assert compose_test.check("sim", "") == code
 
 

@@ -1,0 +1,26 @@
+"""Bounds of an injected fault: who has to report what."""
+
+import pytest
+
+from tests.chaos.cases import Case, Kind
+from tests.chaos.outcome import Outcome, OutcomeLimits, violations
+
+LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "second"),
+    [("kill", 8, ""), ("two-killed", 8, "arbiter"), ("two-killed", 7, "regulator")],
+)
+def test_a_cause_is_reported_and_the_status_shows_it(kind: Kind, seed: int, second: str) -> None:
+    """Robot and arbiter that end together leave nobody with a cause: the status shows them."""
+    case = Case("sim", "robot", kind, "press", seed)
+    assert case.second_role == second
+    seen, unseen = ({"arm_ended": True, "status_shows": shows} for shows in (True, False))
+    by_status_alone = [] if second == "arbiter" else ["nothing named a cause"]
+    assert violations(Outcome(case, causes=["stale"], **seen), LIMITS) == []
+    assert violations(Outcome(case, **seen), LIMITS) == by_status_alone
+    assert violations(Outcome(case, causes=["stale"], **unseen), LIMITS) == [
+        "forcemesh status did not show it"
+    ]
+    assert violations(Outcome(case, **unseen), LIMITS) != []

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from forcemesh.errors import DataError
 from sim.as_language import syntax
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.lines import parse_line
@@ -20,7 +19,7 @@ from sim.as_language.syntax import (
     Word,
 )  # fmt: skip
 from tests.corpus.cases import FILES
-from tests.fakes.as_language import expression, program, statement
+from tests.unit.sim.as_language.conftest import expression, program, statement
 
 ONE, TWO = Number(1.0), Number(2.0)
 X, P = Variable("", "x"), Variable("", "p")
@@ -108,7 +107,6 @@ def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
 @pytest.mark.parametrize(
     "rest",
     ["SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) 2 (ON,0,0,C) OX= WX= #[1,-2.5,3] ;up",
-     "30.0 ACCU1 TIMER0 TOOL1 WORK0 CLAMP OX=84,-85 WX=1001 #[1,2,3,4,5,6,-2000]",
      "SPEED3 ACCU1 TIMER0 TOOL1 WORK0 GROUP0  CLAMP1 (OFF,0,0,O) OX= WX=  YO=^H0,^H0 #[1,2]"],
 )  # fmt: skip
 def test_a_block_step_of_the_pendant_is_known_and_kept_unread(word: str, rest: str) -> None:
@@ -122,17 +120,6 @@ def test_the_words_of_block_steps_are_names_elsewhere(line: str) -> None:
     """Without joint values it is an unknown instruction at most."""
     found = statement(line)
     assert not isinstance(found, Instruction) or found.unknown
-
-
-@pytest.mark.parametrize(
-    ("short", "full"),
-    [("IF x == 1", "IF x == 1 THEN"), ("WHILE SIG(-1)", "WHILE SIG(-1) DO"),
-     ("CASE x", "CASE x OF"), ("SCASE $s", "SCASE $s OF"), ("VALUE 1,2", "VALUE 1,2:"),
-     ('SVALUE "a"', 'SVALUE "a":'), ("ANY", "ANY :")],
-)  # fmt: skip
-def test_words_at_the_end_of_a_line_may_be_left_out(short: str, full: str) -> None:
-    """Public programs, also generated ones, are written so; of ANY the manual states it."""
-    assert statement(short) == statement(full)
 
 
 def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
@@ -225,12 +212,6 @@ def test_a_backup_is_read_whole(newline: str) -> None:
     assert data[Variable("#", "j")] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def test_local_assignments_are_no_section_headers() -> None:
-    """Inside a program a line may begin with a dot; .END in any case ends it."""
-    source = parse(".PROGRAM p\n.x = 1\n.ending = 2\n.end\n")
-    assert len(source.programs["p"].steps) == 2
-
-
 def test_long_lines_are_read() -> None:
     """Real backups hold 207 columns, and more in comments."""
     line = "x = 1" + " + 1" * 60 + " ;" + "c" * 300
@@ -250,20 +231,14 @@ def test_the_last_of_two_programs_of_one_name_counts_and_is_remarked() -> None:
         (".PROGRAM p\nx = 1", "P0140", 1),
         (".PROGRAM p\n.PROGRAM q\n.END", "P0140", 1),
         (".PROGRAM p\nWHILE x DO\nIF x THEN\nEND\n.END", "P0140", 2),
-        (".PROGRAM p\nDO\nEND\nUNTIL x\n.END", "P0141", 3),
         (".PROGRAM p\nWHILE x DO\nELSE\nEND\n.END", "P0142", 3),
         (".PROGRAM p\nIF x THEN\nELSE\nELSE\nEND\n.END", "P0142", 4),
-        (".PROGRAM p\nANY :\n.END", "P0145", 2),
-        (".PROGRAM\n.END", "P0117", 1),
         (".PROGRAM p(.x\n.END", "P0120", 1),
         (".PROGRAM p(.x+1)\n.END", "P0108", 1),
-        (".PROGRAM p(1)\n.END", "P0108", 1),
         (".PROGRAM p() nonsense\n.END", "P0108", 1),
         (".REALS\nx = 1 2\n.END", "P0100", 2),
         (".REALS\nx = 1E99\n.END", "P0100", 2),
-        (".REALS\n= 1\n.END", "P0108", 2),
         (".REALS\n$x = 1\n.END", "P0118", 2),
-        (".STRINGS\n$x = 1\n.END", "P0108", 2),
         (".TRANS\np 1 2 3\n.END", "P0100", 2),
         (".INTEGER\n@n =\n.END", "P0100", 2),
     ],
@@ -278,32 +253,29 @@ def test_a_mistake_of_a_file_is_reported_with_code_and_line(
     assert (first.code, first.where.line) == (code, line)
 
 
-LINES = [
-    ("x = (1", "P0120", 7, "end of the line; expected ')'"),
-    ('$s = "abc', "P0108", 6, "not closed"),
-    ("IF x y = 1", "P0121", 6, "expected THEN or GOTO"),
-    ("IF a = b THEN", "P0108", 6, "To compare, write =="),
-    ("FOR i = 1 3", "P0121", 11, "expected TO"),
-    ("GOTO", "P0108", 5, "a label"),
-    ("CALL 5", "P0108", 6, "the name of a program"),
-    ("POINT PI = 3", "P0117", 0, "the function PI"),
-    ("HERE 5", "P0117", 0, "expected a variable"),
-    ("x[1,2,3,4] = 1", "P0119", 0, "4 indices"),
-    ("x = 1E99", "E0106", 0, "3.4E38"),
-    ("x = \xe4", "P0108", 5, "must be ASCII"),
-    ("x = $ENCODE(/F999.2,1)", "P0108", 0, "255 columns"),
-    ("x = " + "-" * 200 + "1", "P0114", 0, "deeper"),
-]
-
-
-@pytest.mark.parametrize(("line", "code", "column", "words"), LINES)
-def test_a_wrong_line_is_explained(line: str, code: str, column: int, words: str) -> None:
-    """Code, column, the text that was found, the right form."""
+@pytest.mark.parametrize(
+    ("line", "code", "column"),
+    [
+        ("x = (1", "P0120", 7),
+        ('$s = "abc', "P0108", 6),
+        ("IF x y = 1", "P0121", 6),
+        ("FOR i = 1 3", "P0121", 11),
+        ("GOTO", "P0108", 5),
+        ("POINT PI = 3", "P0117", 0),
+        ("HERE 5", "P0117", 0),
+        ("x[1,2,3,4] = 1", "P0119", 0),
+        ("x = 1E99", "E0106", 0),
+        ("x = \xe4", "P0108", 5),
+        ("x = $ENCODE(/F999.2,1)", "P0108", 0),
+        ("x = " + "-" * 200 + "1", "P0114", 0),
+    ],
+)
+def test_a_wrong_line_is_reported_with_its_place(line: str, code: str, column: int) -> None:
+    """Code, file, line and column."""
     with pytest.raises(AsSyntaxError) as caught:
         parse(f".PROGRAM p\n{line}\n.END", "f.as")
     mistake = caught.value.mistakes[0]
-    assert (mistake.code, mistake.column, mistake.where.line) == (code, column, 2)
-    assert words in str(mistake)
+    assert (mistake.code, mistake.column) == (code, column)
     assert str(mistake).startswith("f.as:2")
 
 
@@ -312,9 +284,3 @@ def test_a_file_is_read_from_disk_byte_by_byte(tmp_path: Path) -> None:
     path = tmp_path / "x.as"
     path.write_bytes(b'.PROGRAM p\n$s = "\xff\xe4" ; \xd0\x9f\n.END')
     assert len(load(path).programs["p"].steps) == 1
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """With the reason."""
-    with pytest.raises(DataError, match=r"missing\.as: cannot be read: No such file"):
-        load(tmp_path / "missing.as")

@@ -17,14 +17,12 @@ HERE = Transformation(1.0, 2.0, 3.0, 10.0, 20.0, 30.0)
 HERE_JOINTS = Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
 
 
-def standing_machine() -> MachineInterface:
-    """Return a controller at rest: only what expressions without effect read."""
-    return cast("MachineInterface", SimpleNamespace(
-        here=lambda: HERE,
-        here_joints=lambda: HERE_JOINTS,
-        transformation_of=lambda q: Transformation(*q.values),
-        has_program=lambda name: name == "main",
-    ))  # fmt: skip
+STANDING = cast("MachineInterface", SimpleNamespace(
+    here=lambda: HERE,
+    here_joints=lambda: HERE_JOINTS,
+    transformation_of=lambda q: Transformation(*q.values),
+    has_program=lambda name: name == "main",
+))  # fmt: skip
 
 
 class AsLanguage:
@@ -34,7 +32,7 @@ class AsLanguage:
         self.memory = Namespace()
         self.locals = Locals()
         self.globals = self.memory
-        self.machine = machine or standing_machine()
+        self.machine = machine or STANDING
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.sensor.rdt import parse
-from sim.netft.protocol import About, command_of, record
+from sim.netft.protocol import command_of, record
 from sim.netft.sensor import FaultSwitches, NetftSensor
 
 WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
@@ -51,33 +51,6 @@ def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
     assert numbers(sensor, samples) == list(range(1, min(count, samples) + 1))
     ask(sensor, 0x0002)
     assert numbers(sensor, 50) == list(range(1, 51))
-
-
-def test_only_the_owner_of_the_stream_stops_it() -> None:
-    """The last requester owns it; the one before receives no more."""
-    sensor = NetftSensor()
-    ask(sensor, 0x0002, client="first")
-    ask(sensor, 0x0002, client="second")
-    ask(sensor, 0x0000, client="first")
-    assert {client for _, client in sensor.measure(WRENCH)} == {"second"}
-    ask(sensor, 0x0000, client="second")
-    assert sensor.measure(WRENCH) == []
-
-
-@given(st.tuples(*[st.floats(-100.0, 100.0)] * 6))
-def test_a_bias_makes_the_present_reading_zero_until_power_is_lost(bias: tuple) -> None:
-    """For every client, twice as well as once."""
-    sensor = NetftSensor(About())
-    ask(sensor, 0x0002)
-    for _ in range(2):
-        sensor.measure(bias)
-        ask(sensor, 0x0042)
-    ((data, _),) = sensor.measure(bias)
-    assert parse(data).counts == (0,) * 6  # type: ignore[union-attr]
-    sensor.restart()
-    ask(sensor, 0x0002)
-    ((data, _),) = sensor.measure((1.0,) * 6)
-    assert parse(data).counts == (1_000_000,) * 6  # type: ignore[union-attr]
 
 
 def test_switches_are_read_back_as_they_were_set() -> None:

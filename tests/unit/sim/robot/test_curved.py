@@ -5,11 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcemesh.errors import SimulationError
-from sim.robot.arm import SimArm
 from sim.robot.curved import Shape, SprungSurface
 from sim.robot.plate import HALF_SIDE_M, Disc
-from sim.robot.settings import SimSettings
 
 K_N_M, R_M, DISC_M, STILL = 2e4, 0.08, 0.025, (0.0, 0.0, 0.0)
 DT_S = 1e-3
@@ -87,28 +84,3 @@ def test_a_disc_from_below_or_beyond_the_base_finds_no_surface() -> None:
     assert sprung.step(disc((1, 0, -0.1), 1e-3), DT_S).normal_N == 0.0
     assert sprung.step(disc((0, 0, 1), -1e-3), DT_S).normal_N == 0.0
     assert sprung.rests
-
-
-@pytest.mark.parametrize("shape", ["cylinder", "hemisphere"])
-def test_the_arm_presses_on_a_curved_surface_as_deep_as_it_is_commanded(shape: Shape) -> None:
-    """The gap at home is that of the plate; the force is along the tool's axis."""
-    settings = SimSettings(surface=shape, gap_m=0.0005)
-    arm = SimArm(settings, seed=0)
-    assert arm.lift_off_m == pytest.approx(0.0005, abs=1e-5)
-    T = arm.T_base_flange
-    target = T.copy()
-    target.translation = T.translation - [0.0, 0.0, 0.0015]
-    q, _ = arm.kinematics.solve(target, arm.q, jump_rad=1.0)
-    assert q is not None
-    arm.command_joints(q)
-    for _ in range(400):
-        arm.step()
-    force_N = arm.true_wrench().force_N
-    assert force_N[2] == pytest.approx(settings.stiffness_N_m * -arm.lift_off_m, rel=0.02)
-    assert -arm.lift_off_m == pytest.approx(0.001, abs=5e-5)
-
-
-def test_a_plane_is_not_a_curved_surface() -> None:
-    """It has a model of its own, which tilts."""
-    with pytest.raises(SimulationError, match="no curved surface"):
-        SprungSurface.of(SimSettings())

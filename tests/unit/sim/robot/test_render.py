@@ -64,17 +64,6 @@ def test_without_graphics_there_is_one_clear_error(tmp_path, monkeypatch, variab
     assert not path.exists()
 
 
-def test_a_drawing_process_that_hangs_or_cannot_start_is_the_same_error(tmp_path, monkeypatch):
-    """Time-out and missing interpreter end like any other lack of graphics."""
-    path = tmp_path / "cell.png"
-    monkeypatch.setattr(render, "_TIMEOUT_S", 0.01)
-    with pytest.raises(RenderUnavailable, match="timed out"):
-        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    with pytest.raises(RenderUnavailable, match="No such file"):
-        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
-
-
 def test_physics_runs_where_the_graphics_library_is_broken():
     """The simulation needs no graphics, even if the environment names a library that fails."""
     code = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 STRAIGHT = "#[0,0,-90,0,-3,0]"  # JT5 within 5 degrees of zero
 ASIDE = "LMOVE SHIFT(p BY 80,0,0)"
@@ -26,15 +26,6 @@ def test_the_factory_settings_are_those_of_the_manual() -> None:
     assert [off.value(name) for name in "abcde"] == [0, 0, 0, 0, 0]
 
 
-def test_several_switches_are_set_in_one_line_or_none() -> None:
-    """A name that is no switch leaves the others as they are."""
-    bench = AsBench(program("CP, QTOOL OFF", "a = SWITCH(CP)+SWITCH(QTOOL)")).run()
-    assert bench.value("a") == 0
-    bench = AsBench(program("CP, WIBBLE OFF"))
-    assert bench.fail().code == "P0111"
-    assert bench.machine.hardware.switches["cp"]
-
-
 # --- SINGULAR -------------------------------------------------------------------------------------
 
 
@@ -46,30 +37,6 @@ def test_singular_refuses_a_straight_wrist_on_a_tcp_path(move: str) -> None:
     assert AsBench(program(*go)).fail().code == "E6007"
     assert AsBench(program("SINGULAR OFF", *go)).run().value("n") == 1
     assert AsBench(program(f"JMOVE {STRAIGHT}", "BREAK", "n = 1")).run().value("n") == 1
-
-
-def test_singular_has_no_effect_beyond_5_degrees() -> None:
-    """JT5 at 6 degrees moves."""
-    lines = ("JMOVE #[0,0,-90,0,-6,0]", "BREAK", "DRIVE 5,-1", "LDEPART 1", "BREAK", "n = 1")
-    assert AsBench(program(*lines)).run().value("n") == 1
-
-
-# --- CONF_VARIABLE --------------------------------------------------------------------------------
-
-
-def test_conf_variable_off_refuses_a_target_in_another_configuration() -> None:
-    """ON the arm goes to the same TCP pose in its own configuration."""
-    flip = "#[0,0,-90,180,90,-180]"  # the pose of #[0,0,-90,0,-90,0]
-    lines = ("JMOVE #[0,0,-90,0,-90,0]", "BREAK", "LDEPART 30", "BREAK", f"LMOVE {flip}", "BREAK",
-             "n = DEXT(#DEST,4)")  # fmt: skip
-    assert AsBench(program(*lines)).run().value("n") == pytest.approx(0.0, abs=1.0)
-    assert AsBench(program("CONF_VARIABLE OFF", *lines)).fail().code == "E1184"
-
-
-def test_conf_variable_off_lets_everything_else_move() -> None:
-    """A target in the arm's own configuration, and one without a configuration."""
-    lines = ("CONF_VARIABLE OFF", *SQUARE, "LMOVE #[2,0,-90,0,-90,0]", "LMOVE p", "BREAK", "n = 1")
-    assert AsBench(program(*lines)).run().value("n") == 1
 
 
 # --- SLOW_START -----------------------------------------------------------------------------------
@@ -94,23 +61,6 @@ def test_slow_start_limits_the_first_motion_to_the_slow_repeat_speed(
     (first, second), (usual, _) = fastest
     assert first == pytest.approx(min(slow_mm_s, usual), rel=0.03)
     assert second == pytest.approx(usual, rel=0.03)
-
-
-def test_slow_start_limits_the_first_motion_after_a_restart() -> None:
-    """HOLD and RUN between two motions."""
-    bench = AsBench(program("SLOW_START ON", "HERE p", "SPEED 300 MM/S ALWAYS", ASIDE, "BREAK",
-                            "PAUSE", "LMOVE p", "BREAK", "LMOVE SHIFT(p BY 0,80,0)",
-                            "BREAK"))  # fmt: skip
-    trace = Trace(bench)
-    bench.start()
-    assert bench.advance(5.0, lambda: bench.task.state == "held")
-    before = len(trace.points)
-    bench.pendant.run()
-    assert bench.advance(5.0, lambda: bench.task.state == "idle")
-    speeds = trace.speed_mm_s[before:]
-    middle = len(speeds) // 2
-    assert speeds[:middle].max() == pytest.approx(200.0, rel=0.03)
-    assert speeds[middle:].max() == pytest.approx(300.0, rel=0.03)
 
 
 # --- CHG_INTERRUPT_DECEL --------------------------------------------------------------------------
@@ -153,45 +103,12 @@ def test_prefetch_sigins_off_delays_signals_and_twait_until_the_axes_coincide(st
         assert bench.value("u") == pytest.approx(0.55, abs=0.02)
 
 
-@pytest.mark.parametrize(("cp", "at_mm"), [("CP ON", 77.5), ("CP OFF", 80.0)])
-def test_a_signal_that_waits_for_the_axes_leaves_the_motions_blended(cp: str, at_mm: float) -> None:
-    """It comes when the next motion may start: with CP ON within ACCURACY and decelerating."""
-    bench = AsBench(program(cp, *SQUARE, "ACCURACY 20 ALWAYS", ASIDE, "SIGNAL 1",
-                            "LMOVE SHIFT(p BY 80,80,0)", "BREAK"))  # fmt: skip
-    trace, where_mm = Trace(bench), []
-    signals = bench.machine.hardware.signals
-    bench.machine.hardware.when(lambda: signals.holds(1), lambda: where_mm.append(travel_mm(trace)))
-    bench.run()
-    assert where_mm == pytest.approx([at_mm], abs=0.5)
-    misses = np.linalg.norm(trace.mm - trace.mm[0] - [80.0, 0.0, 0.0], axis=1)
-    assert (misses.min() > 0.1) == (cp == "CP ON")
-
-
 def test_a_signal_waits_for_every_motion_before_it() -> None:
     """Also for those that the controller has taken ahead, and for a pause."""
     behaviour = FAST.model_copy(update={"motions_ahead": 4})
     bench = AsBench(program(*SQUARE, ASIDE, "LMOVE p", "DELAY 0.3", "SIGNAL 1", "t = TIMER(0)"),
                     behaviour).run()  # fmt: skip
     assert bench.value("t") == pytest.approx(1.97, abs=0.1)
-
-
-def test_signals_and_twait_of_a_pc_program_never_wait_for_the_arm() -> None:
-    """Its steps belong to no motion."""
-    bench = AsBench(
-        program(*SQUARE, "PCEXECUTE 1: pc", ASIDE, "BREAK")
-        + program("SIGNAL 1", "TWAIT 0.1", "t = TIMER(0)", name="pc")
-    ).run()
-    assert bench.value("t") == pytest.approx(0.1, abs=0.02)
-
-
-def test_a_signal_that_waits_is_set_after_an_interrupt() -> None:
-    """ONI brakes the motion, calls its program and returns to the step that waited."""
-    bench = AsBench(program(*SQUARE, "ONI 2001 CALL serve", ASIDE, "SIGNAL 1", "n = SIG(1)")
-                    + program("early = SIG(1)", name="serve")).start()  # fmt: skip
-    bench.advance(0.3)
-    bench.machine.hardware.signals.set(2001)
-    bench.advance(2.0)
-    assert (bench.value("early"), bench.value("n")) == (0, -1)
 
 
 # --- CYCLE.STOP, QTOOL ----------------------------------------------------------------------------

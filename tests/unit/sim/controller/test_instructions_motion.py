@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
 def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
@@ -24,26 +24,6 @@ def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
     assert (end.x, end.y) == pytest.approx((start.x, start.y), abs=0.05)
     turned = (end.o - end.t) - (start.o - start.t)
     assert math.remainder(turned + 20.0, 360.0) == pytest.approx(0.0, abs=0.02)
-
-
-def test_a_move_through_the_pole_goes_straight_and_turns_evenly() -> None:
-    """From A = 170 on one side to 170 on the other: O jumps by 180 degrees, the arm does not."""
-    bench = AsBench(program("HERE p", "SPEED 1.5 S ALWAYS", "LMOVE p+RX(10)", "BREAK",
-                            "LMOVE p+RX(-10)", "BREAK"))  # fmt: skip
-    trace, last = Trace(bench), None
-    steps: list[float] = []
-
-    def record_status() -> None:
-        nonlocal last
-        q = bench.robot.queue.q_command
-        if last is not None:
-            steps.append(float(np.abs(q - last).max()))
-        last = q
-
-    bench.machine.after_tick.append(record_status)
-    bench.run()
-    assert np.ptp(trace.mm, axis=0).max() < 1e-4
-    assert max(steps) < math.radians(0.05)
 
 
 def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
@@ -71,18 +51,6 @@ def test_the_monitor_speed_multiplies_every_program_speed(move: str) -> None:
     assert fastest[1] == pytest.approx(0.5 * fastest[0], rel=0.03)
 
 
-def test_speed_without_always_is_for_the_next_motion_only() -> None:
-    """The second motion goes with the speed set ALWAYS."""
-    bench = AsBench(program("HERE p", "SPEED 40 MM/S ALWAYS", "SPEED 80 MM/S",
-                            "LMOVE SHIFT(p BY 20,0,0)", "BREAK", "a = TIMER(0)",
-                            "LMOVE p", "BREAK"))  # fmt: skip
-    trace = Trace(bench)
-    bench.run()
-    half = int(bench.value("a") * 1000)
-    assert trace.speed_mm_s[:half].max() == pytest.approx(80.0, rel=0.02)
-    assert trace.speed_mm_s[half:].max() == pytest.approx(40.0, rel=0.02)
-
-
 def corner(cp: str, accuracy_mm: float) -> tuple[AsBench, Trace]:
     """Go 40 mm aside and 40 mm across."""
     bench = AsBench(program(cp, *SQUARE, f"ACCURACY {accuracy_mm} ALWAYS",
@@ -106,15 +74,6 @@ def test_cp_on_cuts_the_corner_within_accuracy_and_does_not_stop() -> None:
         misses.append(miss)
     assert misses[0] < misses[1]
     assert misses[2] == pytest.approx(misses[1], rel=0.2)  # it slows down over 2.5 mm at most
-
-
-def test_cp_off_stops_in_every_point() -> None:
-    """The corner is reached exactly, and the speed goes down to nothing there."""
-    _, trace = corner("CP OFF", 20.0)
-    miss = np.linalg.norm(trace.mm - trace.mm[0] - [40.0, 0.0, 0.0], axis=1)
-    assert miss.min() < 1e-3
-    at = int(miss.argmin())
-    assert trace.speed_mm_s[at - 2 : at + 2].min() < 2.0
 
 
 def test_the_program_runs_one_motion_ahead() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim.as_language.errors import AsError
 from sim.controller.planner import circle_center_m
 from tests.fakes.as_bench import AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 POINT = st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(np.array)
 
@@ -68,26 +68,6 @@ def test_three_points_give_an_arc_and_two_arcs_a_circle(side: int) -> None:
     assert trace.speed_mm_s.max() == pytest.approx(100.0, rel=0.02)
 
 
-def test_a_chain_of_c1moves_goes_through_every_point() -> None:
-    """Each arc is that of its ends and the next point, the last one that of the point before."""
-    _, trace = traced("ACCURACY 0.1 ALWAYS", f"C1MOVE {at(20, 20)}", f"C1MOVE {at(40, 0)}",
-                      f"C2MOVE {at(60, 20)}")  # fmt: skip
-    for point in ([20, 20, 0], [40, 0, 0], [60, 20, 0]):
-        assert np.linalg.norm(trace.mm - trace.mm[0] - point, axis=1).min() < 0.3
-
-
-def test_an_arc_turns_the_tool_evenly_to_the_orientation_of_its_points() -> None:
-    """Half of the turn at the point in the middle; joint values are points as well."""
-    bench, _ = traced(f"POINT #m = {at(20, 20)}+RZ(20)", "C1MOVE #m", "BREAK",
-                      f"C2MOVE {at(40, 0)}+RZ(40)", "BREAK",
-                      "d = DISTANCE(DEST,SHIFT(p BY 40,0,0))")  # fmt: skip
-    assert bench.value("d") == pytest.approx(0.0, abs=0.01)
-    pose = bench.task.machine.destination()
-    start = bench.value("p")
-    turned = (start.o - start.t) - (pose.o - pose.t)
-    assert math.remainder(turned - 40.0, 360.0) == pytest.approx(0.0, abs=0.05)
-
-
 def test_a_motion_after_c1move_alone_is_e1097_and_c2move_alone_e1098() -> None:
     """The pair belongs together; the next program starts without a point."""
     for motion in (f"LMOVE {at(40, 0)}", f"XMOVE {at(40, 0)} TILL 2001", "ALIGN", "DELAY 1"):
@@ -97,13 +77,6 @@ def test_a_motion_after_c1move_alone_is_e1097_and_c2move_alone_e1098() -> None:
                     + program(f"LMOVE {at(5, 0)}", "BREAK", name="next_one"))  # fmt: skip
     bench.run()
     bench.run("next_one")
-
-
-def test_an_arc_out_of_reach_is_refused_before_it_starts() -> None:
-    """The circle leaves the range of the arm though its points do not."""
-    bench = AsBench(program("JMOVE #[0,80,-20,0,-20,0]", "BREAK", "HERE p",
-                            f"C1MOVE {at(200, 40)}", f"C2MOVE {at(-200, 40)}"))  # fmt: skip
-    assert bench.fail().code == "E6007"
 
 
 # --- XMOVE ----------------------------------------------------------------------------------------
@@ -139,22 +112,6 @@ def test_xmove_stops_at_the_edge_of_its_signal_and_the_next_step_follows(signal:
     assert bench.value("n") == 1
 
 
-def test_xmove_lvl_takes_the_state_and_err_refuses_it() -> None:
-    """A signal that is there at the start: /LVL skips the motion, /ERR is E1071."""
-    bench, trace = xmove("/LVL", 2001, before=True)
-    assert bench.codes == []
-    assert (trace.mm[-1] - trace.mm[0])[0] < 1.0
-    bench, trace = xmove("/ERR", 2001, before=True)
-    assert bench.codes == ["E1071"]
-    assert (trace.mm[-1] - trace.mm[0])[0] < 1.0
-    bench, trace = xmove("/ERR", 2001, before=False)
-    assert bench.codes == []
-    assert 30.0 < (trace.mm[-1] - trace.mm[0])[0] < 45.0
-
-
-# --- ALIGN, MON_SPEED -----------------------------------------------------------------------------
-
-
 # --- clamps ---------------------------------------------------------------------------------------
 
 
@@ -171,15 +128,6 @@ def clamped(*lines: str) -> tuple[AsBench, list[tuple[str, float]]]:
     return bench, reports
 
 
-def test_clamps_act_at_once_at_the_next_motion_or_after_the_last() -> None:
-    """S at once, none at the next motion, I after the motion; each is reported."""
-    bench, reports = clamped(f"LMOVE {at(20, 0)}", "OPENS 3", "CLOSE", f"LMOVE {at(40, 0)}",
-                          "RELAXI 2", "OPEN 4")  # fmt: skip
-    assert [line for line, _ in reports] == ["clamp 3: open", "clamp 1: closed", "clamp 2: off"]
-    assert [mm for _, mm in reports] == pytest.approx([0.0, 20.0, 40.0], abs=2.0)
-    assert bench.machine.hardware.clamps == {3: "open", 1: "closed", 2: "off"}
-
-
 def test_the_clamp_of_a_motion_acts_at_its_end() -> None:
     """Positive closes, negative opens; a motion that is braked leaves it as it is."""
     _, reports = clamped("CP OFF", f"LMOVE {at(20, 0)},1", f"JMOVE {at(40, 0)},-2",
@@ -188,12 +136,6 @@ def test_the_clamp_of_a_motion_acts_at_its_end() -> None:
     assert [mm for _, mm in reports] == pytest.approx([20.0, 40.0, 60.0], abs=2.0)
     early = "PREFETCH.SIGINS ON"  # TWAIT does not wait for the motion
     assert clamped(early, f"LMOVE {at(20, 0)},1", "TWAIT 0.1", "BRAKE")[1] == []
-
-
-@pytest.mark.parametrize("line", ["OPENI 9", "CLOSES 0", "CLAMP 99", "LMOVE p,9", "OPEN 9"])
-def test_a_clamp_that_does_not_exist_is_e1075(line: str) -> None:
-    """Clamps are 1 to 8."""
-    assert codes(line) == ["E1075"]
 
 
 def test_accuracy_0_stops_in_every_point() -> None:

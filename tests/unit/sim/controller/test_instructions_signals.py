@@ -21,16 +21,6 @@ def test_sout_is_the_logic_of_the_signals_whose_numbers_it_names(a: bool, b: boo
     assert {number: signals.holds(number) for number in expected} == expected
 
 
-def test_sout_is_evaluated_when_the_step_is_reached() -> None:
-    """Once; a later change of the input changes nothing. An input cannot be an output."""
-    bench = AsBench(program("SOUT 1 = 1001", "TWAIT 0.1")).start()
-    bench.advance(0.05)
-    bench.machine.hardware.signals.set(1001)
-    bench.advance(1.0)
-    assert not bench.machine.hardware.signals.holds(1)
-    assert AsBench(program("SOUT 1001 = 1")).fail().code == "E0106"
-
-
 @pytest.mark.parametrize("stop", ["hold", "abort", "error"])
 def test_masked_signals_are_off_while_the_program_does_not_run(stop: str) -> None:
     """Others keep their state; when the program continues they are on again."""
@@ -58,14 +48,6 @@ def test_masked_signals_are_off_while_the_program_does_not_run(stop: str) -> Non
     assert lit() == {5, 7, 2001, 2002}
     bench.advance(1.0)
     assert lit() == {7, 2002}
-
-
-def test_a_new_run_has_no_mask() -> None:
-    """EXECUTE ends it."""
-    bench = AsBench(program("SIGNAL 5") + program("RUNMASK 5", name="first"))
-    bench.run("first")
-    bench.run()
-    assert bench.machine.hardware.signals.holds(5)
 
 
 def test_dlysig_switches_later_and_does_not_wait() -> None:

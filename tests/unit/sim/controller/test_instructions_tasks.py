@@ -4,8 +4,6 @@ from collections import deque
 
 import pytest
 
-from sim.as_language.errors import AsError
-from sim.controller.behaviour import Behaviour, pessimistic
 from tests.fakes.as_bench import FAST, AsBench, program
 
 
@@ -37,35 +35,6 @@ def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
     assert "step 2" in str(stop)
 
 
-def test_the_autonomous_start_of_the_manual_works() -> None:
-    """WAIT SWITCH(POWER), then MC EXECUTE: the robot program starts when the motors go on."""
-    main = program("x = 1")
-    boss = program("WAIT SWITCH(POWER)", "MC EXECUTE main", name="boss")
-    bench = AsBench(main + boss)
-    bench.pendant.motor_power(on=False)
-    bench.machine.control.start_pc(1, "boss")
-    bench.advance(0.5)
-    assert bench.value("x") is None
-    bench.pendant.motor_power(on=True)
-    bench.machine.control.held = bench.robot.queue.held = False
-    bench.advance(0.5)
-    assert bench.value("x") == 1
-
-
-def test_after_ereset_continue_repeats_the_step_that_failed() -> None:
-    """The mistake has been put right meanwhile: the program continues."""
-    bench = AsBench(program("a = 1", "b = 1/c", "d = 1"))
-    bench.machine.memory.write("c", 0.0)
-    assert bench.fail().code == "E0108"
-    bench.machine.memory.write("c", 4.0)
-    with pytest.raises(AsError, match="P1013"):
-        bench.pendant.run()
-    bench.pendant.error_reset()
-    bench.pendant.run()
-    bench.advance(0.1)
-    assert (bench.value("b"), bench.value("d"), bench.task.state) == (0.25, 1, "idle")
-
-
 def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
     """WAIT 1/c fails once c is 0: the message, CONTINUE and RETURNE take it for the WAIT's step."""
     other = program("TWAIT 0.1", "c = 0", name="other")
@@ -87,36 +56,12 @@ def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
     assert (handled.value("n"), handled.value("a"), handled.task.state) == (1, 1, "idle")
 
 
-def test_one_with_return_repeats_the_step() -> None:
-    """RETURN goes back to the step that failed, which the handler has made possible."""
-    handler = program("c = 2", "RETURN", name="handler")
-    bench = AsBench(program("c = 0", "ONE handler", "x = 1/c") + handler).start()
-    bench.advance(0.2)
-    assert (bench.value("x"), bench.task.state) == (0.5, "idle")
-
-
 def test_an_error_in_the_handler_stops_the_program() -> None:
     """Handlers are not handled, and they must not move the arm."""
     for line, code in (("x = 1/0", "E0108"), ("LMOVE HERE", "P0111")):
         handler = program(line, "RETURNE", name="handler")
         bench = AsBench(program("ONE handler", "x = 1/0") + handler)
         assert bench.fail().code == code
-
-
-def test_a_stall_stops_all_programs_and_not_the_arm() -> None:
-    """A planning stall of 1 s: no step is made, the motion continues."""
-    source = program(
-        "PCEXECUTE 1: other", "SPEED 20 MM/S ALWAYS", "HERE p", "LMOVE SHIFT(p BY 0,0,50)"
-    ) + program("WHILE TRUE DO", "n = TIMER(0)", "TWAIT 0.01", "END", name="other")
-    behaviour = Behaviour(step_s=2e-5, planning_stall_s=1.0, stall_at_motions=(1,))
-    bench = AsBench(source, behaviour).start()
-    bench.advance(0.1)
-    counted, z = bench.value("n"), bench.task.machine.here().z
-    bench.advance(0.8)
-    assert bench.value("n") == counted
-    assert bench.task.machine.here().z - z == pytest.approx(16.0, abs=0.5)
-    bench.advance(0.2)
-    assert bench.value("n") > counted
 
 
 def test_the_same_program_gives_the_same_run() -> None:
@@ -131,22 +76,6 @@ def test_the_same_program_gives_the_same_run() -> None:
 
 
 # --- waiting, values out of range, PROMPT ---------------------------------------------------------
-
-
-def test_twait_lasts_as_long_as_asked_to_the_millisecond() -> None:
-    """TIMER reads the same as TWAIT waited."""
-    bench = AsBench(program("TIMER 1 = 0", "TWAIT 0.25", "t = TIMER(1)")).run()
-    assert bench.value("t") == pytest.approx(0.25, abs=0.0015)
-
-
-def test_a_coarse_timer_moves_in_steps_of_16_ms() -> None:
-    """The pessimistic controller's TIMER is a multiple of 16 ms, never ahead of the time."""
-    lines = ("FOR i = 1 TO 50", "TWAIT 0.001", "t[i] = TIMER(0)", "u[i] = t[i]/0.016", "END")
-    bench = AsBench(program(*lines), pessimistic(2e-5)).run()
-    units = [bench.value(f"u[{k}]") for k in range(1, 51)]
-    assert all(abs(unit - round(unit)) < 1e-4 for unit in units)
-    assert len({round(unit) for unit in units}) > 2
-    assert bench.value("t[50]") <= bench.now_s
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.fakes.as_bench import AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 COUNT = ("WHILE n < 50 DO", "TWAIT 0.01", "n = n+1", "END")
 SERVE = program("at = n", "served = served+1", name="serve")
@@ -42,14 +42,6 @@ def test_a_state_is_no_edge_but_lvl_takes_it_and_err_refuses_it() -> None:
     assert run("ON/ERR 2001 CALL serve", *COUNT).value("served") == 1
 
 
-def test_goto_continues_at_a_label() -> None:
-    """Out of a loop; a label that does not exist is E0101, a program E0105."""
-    bench = run("ONI 2001 GOTO out", "WHILE TRUE DO", "TWAIT 0.01", "END", "out:", "n = 7")
-    assert bench.value("n") == 7
-    assert run("ON 2001 GOTO nowhere").codes == ["E0101"]
-    assert run("ON 2001 CALL nothing").codes == ["E0105"]
-
-
 def test_ignore_and_a_newer_interrupt_end_the_older_one() -> None:
     """For either edge of the signal; the priority must be 1 to 127."""
     assert run("ON 2001 CALL serve", "IGNORE 2001", *COUNT).value("served") == 0
@@ -83,25 +75,6 @@ def test_on_lets_the_motion_finish_and_oni_stops_it() -> None:
     assert 20.0 < ends[1][0] < 35.0
 
 
-def test_a_subroutine_is_left_before_the_interrupt_of_its_caller_is_served() -> None:
-    """Its own interrupts end with it."""
-    more = SERVE + program(*COUNT, "m = served", "ON 2002 CALL serve", name="inner")
-    bench = run("ON 2001 CALL serve", "CALL inner", "SIGNAL 2002", "TWAIT 0.1", more=more)
-    assert [bench.value(name) for name in ("m", "at", "served")] == [0, 50, 1]
-
-
-def test_signals_are_not_monitored_while_the_program_is_held() -> None:
-    """An edge during HOLD is gone."""
-    bench = AsBench(program(*ZEROS, "ON 2001 CALL serve", *COUNT) + SERVE).start()
-    bench.advance(0.1)
-    bench.pendant.hold()
-    bench.machine.hardware.signals.set(2001)
-    bench.advance(0.1)
-    bench.pendant.run()
-    bench.advance(1.0)
-    assert (bench.value("served"), bench.value("n")) == (0, 50)
-
-
 def test_a_pc_program_may_use_on_and_not_oni() -> None:
     """It does not wait for the arm."""
     pc = program("ON 2001 CALL serve", *COUNT, name="pc")
@@ -109,12 +82,3 @@ def test_a_pc_program_may_use_on_and_not_oni() -> None:
     assert bench.value("served") == 1
     pc = program("ONI 2001 CALL serve", name="pc")
     assert run("PCEXECUTE 1: pc", "TWAIT 1", more=SERVE + pc).codes == ["E1095"]
-
-
-def test_the_next_run_of_a_program_starts_without_interrupts() -> None:
-    """They end with the program that set them."""
-    bench = run("ON 2003 CALL serve", "TWAIT 0.3")
-    bench.machine.hardware.signals.set(2003)
-    bench.advance(0.1)
-    assert bench.value("served") == 0
-    assert bench.machine.control.interrupts == []

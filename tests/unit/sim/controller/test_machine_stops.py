@@ -5,7 +5,7 @@ import pytest
 
 from sim.controller.behaviour import pessimistic
 from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
 def braked(source: str, at_s: float, **kwargs) -> tuple[AsBench, Trace]:

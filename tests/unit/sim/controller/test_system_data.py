@@ -22,12 +22,6 @@ def test_the_controller_has_one_arm_of_six_joints_and_speaks_english(of: str, va
     assert read(of=of) == value
 
 
-def test_before_the_first_motion_there_is_no_step_and_no_speed() -> None:
-    """-1, as the manual says."""
-    for of in ("M.SPEED", "MSTEP", "P.SPEED", "P.SPEED.M", "P.ACCEL", "P.DECEL"):
-        assert read(of=of) == -1, of
-
-
 def test_the_last_motion_is_read_while_it_runs_and_afterwards() -> None:
     """Its step, speed in % and mm/s, ramps; the monitor speed only while the arm moves."""
     bench = AsBench(program("SPEED 500 MM/S ALWAYS", "ACCEL 40 ALWAYS", "DECEL 60 ALWAYS",
@@ -39,22 +33,6 @@ def test_the_last_motion_is_read_while_it_runs_and_afterwards() -> None:
     bench.run()
     assert [bench.value(name) for name in "mns"] == [50, -1, 4]
     assert [bench.value(name) for name in "pqad"] == pytest.approx([25, 500, 40, 60])
-
-
-def test_a_speed_in_seconds_is_minus_1() -> None:
-    """It is no share of full speed."""
-    for of in ("P.SPEED", "P.SPEED.M", "P.ACCEL", "P.DECEL"):
-        assert read("SPEED 1 S", "LMOVE SHIFT(HERE BY 5,0,0)", of=of) == -1
-
-
-def test_step_is_the_step_of_a_task() -> None:
-    """Of the robot program itself, of a PC program, and -1 of one that does not run."""
-    other = program("TWAIT 0.01", "TWAIT 5", name="other")
-    bench = AsBench(program("a = SYSDATA(STEP)", "PCEXECUTE 3: other", "TWAIT 0.1",
-                            "b = SYSDATA(STEP,1003)", "c = SYSDATA(STEP,1001)")
-                    + other)  # fmt: skip
-    bench.run()
-    assert [bench.value(name) for name in "abc"] == [1, 2, -1]
 
 
 def test_the_motor_current_is_that_of_iqarm() -> None:

@@ -11,14 +11,11 @@ from forcemesh.clock import NS_PER_S
 from sim.controller.network import LOOPBACK, MemoryNetwork, SocketNetwork
 from sim.controller.tcp import (
     ABORTED,
-    CANNOT_CREATE,
-    CANNOT_REACH,
     NOT_LISTENING,
     OK,
     TIMED_OUT,
     TOO_LONG,
     TcpResult,
-    TcpStatus,
     TcpUnit,
 )
 
@@ -108,13 +105,6 @@ def world(request: pytest.FixtureRequest) -> Iterator[TcpBench]:
     world.end()
 
 
-def test_a_port_can_be_listened_on_once_until_it_is_freed(world: TcpBench) -> None:
-    """The second TCP_LISTEN fails, after TCP_END_LISTEN it works, and ending twice fails."""
-    assert [world.tcp.listen(PORT), world.tcp.listen(PORT)] == [OK, CANNOT_CREATE]
-    assert [world.tcp.end_listen(PORT), world.tcp.end_listen(PORT)] == [OK, NOT_LISTENING]
-    assert world.tcp.listen(PORT) == OK
-
-
 def test_a_port_that_is_freed_while_a_program_waits_is_34056(world: TcpBench) -> None:
     """It waits no longer."""
     world.tcp.listen(PORT)
@@ -146,19 +136,6 @@ def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: TcpB
     assert "".join(got).encode("latin-1") == data
 
 
-def test_sent_elements_arrive_back_to_back(world: TcpBench) -> None:
-    """No separators between elements, control characters included."""
-    number, peer = world.accepted()
-    outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], end_ns=NS_PER_S))
-    assert outcome == TcpResult(OK)
-    got = b""
-    for _ in range(PATIENCE):
-        got += peer.receive(65536) or b""
-        if len(got) == 6:
-            break
-    assert got == b"ab\r\n\x00\xff"
-
-
 def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: TcpBench) -> None:
     """17 elements of 255 characters are too many, 16 are not."""
     number, peer = world.accepted()
@@ -183,33 +160,6 @@ def test_a_peer_that_reads_nothing_stops_the_sender(world: TcpBench, patient: bo
     assert operation(NS_PER_S) == expected
 
 
-def test_two_clients_of_one_listener_have_a_socket_each(world: TcpBench) -> None:
-    """Bytes of one never come out of the other."""
-    first, a = world.accepted()
-    b = world.call()
-    second = until(world.tcp.accept(PORT, end_ns=NS_PER_S)).code
-    assert first != second
-    b.send(b"bb")
-    a.send(b"aa")
-    assert world.received(first).elements == ("aa",)
-    assert world.received(second).elements == ("bb",)
-
-
-def test_status_lists_listeners_with_socket_0_and_sockets_with_their_last_error(
-    world: TcpBench,
-) -> None:
-    """A socket keeps the port of its listener; a closed one is gone."""
-    assert world.tcp.status() == []
-    number, peer = world.accepted()
-    assert world.tcp.status() == [TcpStatus(PORT, 0), TcpStatus(PORT, number, OK, LOOPBACK)]
-    peer.reset()
-    assert until(world.tcp.receive(number, NS_PER_S, longest=255)).code == ABORTED
-    assert world.tcp.status()[1] == TcpStatus(PORT, number, ABORTED, LOOPBACK)
-    world.tcp.close(number)
-    world.tcp.end_listen(PORT)
-    assert world.tcp.status() == []
-
-
 def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: TcpBench) -> None:
     """The two are distinguished, as AS programs do."""
     number, peer = world.accepted()
@@ -228,15 +178,3 @@ def test_a_reset_is_34025_for_receiving_and_sending(world: TcpBench) -> None:
     assert ABORTED in codes
     sent = [until(world.tcp.send(number, ["a"], end_ns=NS_PER_S)).code for _ in range(3)]
     assert ABORTED in sent
-
-
-def test_connecting_reaches_a_listener_and_returns_34023_without_one() -> None:
-    """TCP_CONNECT on the real network: the other end is a server of this host."""
-    server = socket.create_server(("127.0.0.1", 0))
-    tcp = TcpUnit(SocketNetwork())
-    port = server.getsockname()[1]
-    outcome = until(tcp.connect(LOOPBACK, port, end_ns=5 * NS_PER_S))
-    assert outcome.code > 0
-    tcp.close_all()
-    server.close()
-    assert until(tcp.connect(LOOPBACK, port, end_ns=5 * NS_PER_S)).code == CANNOT_REACH

@@ -14,9 +14,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from common.config.cell_helpers import PanelSection
-from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.errors import ConfigError, ForcemeshError
+from forcemesh.errors import ForcemeshError
 from services.panel.access import Door, door_of
 from services.panel.server import (
     Gate,
@@ -28,7 +27,6 @@ from services.panel.server import (
 )
 from services.panel.sessions import SESSION_IDLE_S
 from tests.chaos.common_net import free_port
-from tests.fakes.bench import DEMO
 
 TOKEN, VIEW = "0123456789abcdef", "fedcba9876543210"
 HERE = "127.0.0.1:8080"
@@ -84,22 +82,6 @@ def test_a_door_that_other_machines_reach_needs_a_token(section, published, refu
         return
     status = answer_of(gate_of(door_of(made, environment))).status_code
     assert status == (401 if "token" in section else 200)
-
-
-@pytest.mark.parametrize("panel", [{"token": "short"}, {"token": VIEW, "view_token": VIEW}])
-def test_the_check_of_the_cell_file_reports_the_panels_refusals(panel):
-    """`config check` reports them before a start."""
-    with pytest.raises(ConfigError, match=r"can be guessed|could operate"):
-        load_cell(DEMO, {"panel": panel})
-
-
-def test_the_command_line_precedes_the_environment_and_both_the_cell_file():
-    """Each of the three sources may have the address and the token."""
-    section = PanelSection(host="127.0.0.1", port=8081, token="a" * 16)
-    found = door_of(section, {"FORCEMESH_PANEL_TOKEN": TOKEN}, host=WIDE, port=9000)
-    assert (found.host, found.port, found.token) == (WIDE, 9000, TOKEN)
-    found = door_of(section, {})
-    assert (found.host, found.port, found.token) == ("127.0.0.1", 8081, "a" * 16)
 
 
 @given(st.text(max_size=40))

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from services.recorder.reading import RecordedFile
-from tests.fakes.recorder_bench import WALL_NS, RecorderBench
+from tests.unit.services.recorder.conftest import WALL_NS, RecorderBench
 
 KEPT = 2
 NAMES = ("demo", "demo-2", "demo-2-stop", "d")

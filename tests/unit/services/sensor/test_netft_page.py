@@ -62,14 +62,6 @@ def test_an_invalid_page_is_reported(wrong: str, message: str) -> None:
         parse(wrong)
 
 
-@pytest.mark.parametrize("rating", ["330;330;990;30;30;1.2.3", ".", "1e999;1;1;1;1;1", "330,330"])
-def test_a_rating_that_is_no_number_is_not_known(rating: str) -> None:
-    """The rest of the page is read; an unreadable range is None."""
-    read = parse(PAGE.replace("330;330;990;30;30;30", rating))
-    assert (read.force_range_N, read.torque_range_Nm) == (None, None)
-    assert read.counts_per_N == 1e6
-
-
 FIELDS = ["330;330;990;30;30;30", "<cfgcpf>1000000", "<cfgcpt>1000000", ">N<", ">Nm<"]
 
 
@@ -82,12 +74,6 @@ def test_any_text_in_a_field_is_read_or_raises_data_error(value: str, data: st.D
         parse(PAGE.replace(old, f"{tag}{value}{'<' if old.endswith('<') else ''}"))
     with pytest.raises(DataError):
         parse(value)
-
-
-def test_a_unit_is_read_from_its_text_or_its_code() -> None:
-    """Digits of other alphabets are no code."""
-    with pytest.raises(DataError, match="cfgtu is '²'"):
-        parse(PAGE.replace("<scfgtu>Nm</scfgtu>", "<cfgtu>²</cfgtu>"))
 
 
 def test_the_cell_file_selects_the_source_of_the_counts() -> None:

@@ -176,15 +176,6 @@ def test_a_far_step_or_a_later_sample_is_a_restart_and_no_loss(records: list[Rdt
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
 
 
-def test_requested_stream_may_begin_anywhere() -> None:
-    """A new stream begins at 1 again; that is no loss, no restart and no copy."""
-    stream, _ = follow_all([record(place) for place in range(5, 10)])
-    stream, kinds = follow_all([record(1), record(2)], replace(stream, newest=None))
-    assert kinds == ["sample", "sample"]
-    assert stream.number == 7
-    assert stream.tally == replace(RdtStream().tally, records=7)
-
-
 @pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
 def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     """Six equal counts for the minimum time and number are frozen; one other count ends it."""
@@ -196,12 +187,3 @@ def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
     stream.follow(record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
     assert stream.frozen_fault(count * period_ns) == NO_FAULT
-
-
-def test_repeats_of_one_sample_are_a_stall_and_not_frozen() -> None:
-    """They are counted and give no sample: a stall has another cause than a frozen reading."""
-    repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
-    stream, kinds = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
-    assert kinds == ["sample", *["repeated"] * 99, "sample"]
-    assert stream.tally.repeated == 99
-    assert stream.frozen_fault(101 * PERIOD_NS) == NO_FAULT

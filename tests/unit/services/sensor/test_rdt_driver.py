@@ -7,7 +7,6 @@ import pytest
 
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ZERO3, SensorWrench
-from services.sensor.rdt_driver import FAULT_HOLD_S
 from services.sensor.rdt_status import MONITOR_CONDITIONS
 from tests.fakes.netft_rig import PERIOD_S, STALE_S, TRUTH, NetftRig
 
@@ -50,29 +49,6 @@ def test_silence_is_reported_at_the_rate_of_the_cell_without_old_numbers() -> No
     assert_faults(messages, "sensor_silent", "nothing received any more")
     assert messages[0].reason.startswith(f"no sample for {1e3 * stale_s + 5:.0f} ms")
     assert len(messages) == pytest.approx(0.1 * 500.0, abs=2)
-
-
-def test_the_reason_is_that_of_the_present_state() -> None:
-    """A sensor that stalls and then falls silent is silent."""
-    rig = NetftRig()
-    rig.run(0.1)
-    rig.switch(stall="on")
-    rig.run(0.1)
-    assert_faults(rig.run(0.1), "sensor_stalled", f"ft_sequence stays at {rig.sensor.ft_sequence}")
-    rig.switch(mute="on")
-    rig.run(0.3)
-    assert_faults(rig.run(0.1), "sensor_silent", "nothing received: check address")
-
-
-def test_numbers_that_restart_without_a_request_are_a_restart_and_no_loss() -> None:
-    """A restarted sensor may have another bias: its samples are not valid for a while."""
-    rig = NetftRig()
-    rig.run(0.4)
-    rig.sensor.ft_sequence = rig.sensor._rdt_sequence = 0
-    assert_faults(rig.run(FAULT_HOLD_S - PERIOD_S), "sensor_restarted", "sensor restarted")
-    assert (rig.counters["restarts"], rig.counters["lost"]) == (1, 0)
-    rig.run(2 * PERIOD_S)
-    assert all(each.valid for each in rig.run(0.1))
 
 
 def test_records_that_waited_during_a_stall_of_the_process_are_dropped() -> None:

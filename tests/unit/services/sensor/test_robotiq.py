@@ -66,16 +66,6 @@ def test_frames_are_found_however_the_bytes_are_cut(sent: list[Any], seed: int) 
     assert sum(read.skipped for read in found) == 0
 
 
-@given(readings, st.binary(max_size=60))
-def test_no_byte_is_forgotten(reading: Any, rubbish: bytes) -> None:
-    """Every received byte belongs to a frame, is counted as skipped, or is still pending."""
-    framer = Framer()
-    found = framer.feed(rubbish + frame(*reading) + HEAD)
-    taken = sum(FRAME_BYTES + read.skipped for read in found)
-    waiting = len(framer._rest)
-    assert taken + framer.skipped + waiting == len(rubbish) + FRAME_BYTES + len(HEAD)
-
-
 @given(readings, st.integers(2, 15), st.integers(1, 255))
 def test_a_corrupted_frame_is_no_reading(reading: Any, place: int, flip: int) -> None:
     """One wrong byte anywhere after the head: the CRC differs, and the next frame is found."""
@@ -151,18 +141,6 @@ def test_the_stream_is_requested_and_its_frames_are_samples() -> None:
     assert (saturated.status, saturated.code) == ("saturated", "sensor_saturated")
     bench.driver.close()
     assert bench.line.written.endswith(b"\xff" * 50)
-
-
-def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
-    """Bytes that form no frame count as one lost frame; 10 % of lost frames are a fault."""
-    bench = RobotiqBench()
-    bench.read(GOOD)
-    (sample,) = bench.read(GOOD[:10] + GOOD)
-    assert (sample.counter, sample.status) == (3, "ok")
-    codes = [bench.read(GOOD[:9] + GOOD)[0].code for _ in range(60)]
-    assert codes[0] == ""
-    assert codes[-1] == "sensor_lossy"
-    assert bench.driver.counters()["lost"] == 61
 
 
 def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:

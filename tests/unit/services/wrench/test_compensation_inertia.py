@@ -3,23 +3,18 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.config.payload import Payload
-from common.motion.convert import vec3
-from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.requests import MoveRequest
 from services.wrench.compensation import (
     AccelerationEstimator,
-    Compensation,
     ReportedPosition,
-    Wrench,
 )
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
@@ -77,28 +72,6 @@ def test_a_gap_another_writer_and_silence_restart_the_estimate() -> None:
 def test_poses_with_constant_stamps_give_no_acceleration() -> None:
     """Constant stamps have no period."""
     assert estimate_of([reading(np.zeros(3), k, at_s=1.0) for k in range(20)]) == pytest.approx(0.0)
-
-
-def test_the_centre_of_mass_is_in_the_axes_of_the_true_sensor() -> None:
-    """Mounting correction first, then the pose of the sensor on the flange."""
-    payload = PAYLOAD.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, np.pi / 2)})
-    T_flange_sensor = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.0, 0.1]))
-    compensation = Compensation(payload, T_flange_sensor, pin.SE3.Identity())
-    assert compensation.p_flange_com_in_flange == pytest.approx(np.array([-0.02, -0.05, 0.11]))
-
-
-@given(vectors, st.floats(-3.0, 3.0))
-def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> None:
-    """Force and torque of m (g - a) of a perfect sensor leave zero."""
-    R = pin.utils.rotate("x", angle)
-    force, torque = predict(PAYLOAD, R)
-    carried_N = -PAYLOAD.mass_kg * R.T @ a
-    sensed = Wrench(vec3(force + carried_N), vec3(torque + np.cross(PAYLOAD.com_m, carried_N)))
-    T_flange_tcp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.14]))
-    compensation = Compensation(PAYLOAD, pin.SE3.Identity(), T_flange_tcp)
-    residual = compensation.at_tcp(sensed, pin.SE3(R, np.zeros(3)), vec3(a))
-    assert residual.force_N == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert residual.torque_Nm == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def residual_rms_N(*, inertial: bool) -> float:

@@ -18,9 +18,7 @@ FAULT_HOLD_STEPS = round(REPORT_S / SENSOR_S)
 # --- what is published ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "turn", [(0, 0, 0), (0.5, 0, 0), (0, -1.2, 0.3), (1.0, 1.0, 2.0), (3, 0, 0)]
-)
+@pytest.mark.parametrize("turn", [(0, 0, 0), (1.0, 1.0, 2.0)])
 def test_the_wrench_is_the_environments_at_the_tcp_in_base(bench: WrenchBench, turn) -> None:
     """In any orientation it is zero without contact and else the push, with the raw reading."""
     bench.R_base_flange = rotation_from_vector(np.array(turn, dtype=float)) @ DOWN
@@ -129,20 +127,6 @@ def test_a_robot_without_an_orientation_makes_no_wrench(bench: WrenchBench) -> N
     assert "robot/state unreadable: RobotState.orientation_xyzw" in bench.published().reason
 
 
-def test_after_a_gap_the_filter_restarts(bench: WrenchBench) -> None:
-    """The first wrench after silence has only new samples."""
-    bench.force_N = np.array([0.0, 0.0, 40.0])
-    bench.settle()
-    bench.silent = {"sensor"}
-    bench.pass_s(0.3)
-    bench.silent, bench.force_N = set(), np.zeros(3)
-    for _ in range(FAULT_HOLD_STEPS + 2):
-        bench.step()
-        if bench.published().valid:
-            assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.published().valid
-
-
 def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> None:
     """Between two samples the output is constant: time is the sensor's, not the loop's."""
     bench.settle()
@@ -154,21 +138,6 @@ def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> Non
     assert 1.0 < before < 39.0
     bench.step(10)
     assert bench.published().force_N[2] == before
-
-
-def test_a_spike_during_several_steps_is_still_one_sample(
-    bench: WrenchBench,
-) -> None:
-    """The median counts samples: a spike that is read five times is one of three."""
-    bench.settle()
-    bench.sensor = {"force_N": (400.0, 400.0, 400.0)}
-    bench.step()
-    bench.silent = {"sensor"}
-    bench.step(5)
-    bench.silent, bench.sensor = set(), {}
-    for _ in range(6):
-        bench.step()
-        assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
 
 
 def test_every_sample_triggers_the_service(bench: WrenchBench) -> None:

@@ -93,12 +93,13 @@ def test_composition_is_that_of_matrices(a: Transformation, b: Transformation) -
         ('1+"a"', "P0114"), ('"a"*2', "P0114"), ('-"a"', "P0114"), ("NULL+1", "P0114"),
         ("#PPOINT(1)+NULL", "P0114"), ("#nothing", "E0103"), ("$nothing", "E0104"),
         (".nothing", "E0102"), ("nothing[3]", "E0102"), ("DX(nothing)", "E0103"),
-        ("@big + @big", "E0106"),
+        ("@big + @big", "E0106"), ("a[-1]", "P0119"), ("a[10000]", "P0119"), ("a", "P0133"),
+        ("@big[1]", "P0132"),
     ],
 )  # fmt: skip
 def test_every_error_has_its_code(text: str, code: str) -> None:
     """The code of the manual's appendix 4, not a Python exception."""
-    assert AsLanguage("@big = 2000000000").code(text) == code
+    assert AsLanguage("@big = 2000000000", "a[9999] = 1").code(text) == code
 
 
 @pytest.mark.parametrize(

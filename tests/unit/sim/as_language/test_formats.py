@@ -6,26 +6,6 @@ from hypothesis import strategies as st
 
 from tests.unit.sim.as_language.conftest import AsLanguage
 
-RULES = [
-    ("$ENCODE(-5)", " -5"),
-    ("$ENCODE(1/3)", " 0.33333334"),
-    ("$ENCODE(1E20)", " 1E+20"),
-    ('$ENCODE("a",1,"b")', "a 1b"),
-    ("$ENCODE(/F8.3,-1.5,2)", "  -1.500   2.000"),
-    ("$ENCODE(/F8.3,1,/D,2)", "   1.000 2"),
-    ("$ENCODE(/G10.4,12.5)", "     12.50"),
-    ("$ENCODE(/I3,-999)", "***"),
-    ("$ENCODE(/I2,1.5,-1.5)", " 2-2"),
-    ("$ENCODE(/H8,-1)", "FFFFFFFF"),
-    ("$ENCODE()", ""),
-]
-
-
-@pytest.mark.parametrize(("text", "expected"), RULES)
-def test_each_format_writes_as_documented(text: str, expected: str) -> None:
-    """A format holds for the items behind it; too wide a value is asterisks."""
-    assert AsLanguage()(text) == expected
-
 
 @pytest.mark.parametrize(
     ("text", "code"),

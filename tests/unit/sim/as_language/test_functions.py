@@ -63,17 +63,6 @@ def test_each_wrong_argument_has_its_code(text: str, code: str) -> None:
     assert AsLanguage(*DEFINED).code(text) == code
 
 
-@pytest.mark.parametrize(
-    ("name", "letter"),
-    [("x", "R"), ("p", "T"), ("#j", "P"), ("$s", "S"), ("@n", "I"), ("main", "G")],
-)
-def test_existdata_is_true_for_the_type_of_a_name_and_no_other(name: str, letter: str) -> None:
-    """Six letters; a program is no variable."""
-    bench = AsLanguage(*DEFINED)
-    for other in "PTRSIG":
-        assert bench(f'EXISTDATA("{name}",{other})') == (-1 if other == letter else 0), other
-
-
 @given(TEXT, st.integers(-2, 14), st.integers(-2, 14))
 def test_left_middle_and_right_put_a_string_together_again(s: str, i: int, j: int) -> None:
     """Cut anywhere, the parts are the string; MID is a slice."""
@@ -83,18 +72,6 @@ def test_left_middle_and_right_put_a_string_together_again(s: str, i: int, j: in
     assert bench(f"$LEFT($s,{at})+$MID($s,{at + 1})") == s
     assert bench(f"$RIGHT($s,{i})") == (s[-i:] if i > 0 else "")
     assert bench(f"$MID($s,{i},{j})") == (s[i - 1 : i - 1 + max(j, 0)] if i > 0 else "")
-
-
-@given(TEXT, TEXT.filter(bool), st.integers(1, 14))
-def test_instr_finds_the_place_that_python_finds_without_regard_to_case(
-    s: str, w: str, start: int
-) -> None:
-    """The place counts from 1, 0 is nowhere."""
-    bench = AsLanguage()
-    bench.memory.write("$s", s.upper())
-    bench.memory.write("$w", w.lower())
-    found = 0 if start > len(s) else s.lower().find(w.lower(), start - 1) + 1
-    assert bench(f"INSTR({start},$s,$w)") == found
 
 
 def test_decode_takes_only_separators_at_the_front_in_mode_1() -> None:

@@ -93,15 +93,6 @@ def test_traps_between_programs_are_found(lines: list[str], more: str, expected:
     assert rules(*lines, more=more) == expected
 
 
-def test_findings_name_file_line_program_and_step() -> None:
-    """In the order of the file."""
-    report = check_text(".PROGRAM p\n\nx = y\nWIBBLE\n.END", "f.as")
-    assert [str(finding) for finding in report.findings] == [
-        "f.as:3: warning: y is never defined in this file [never-defined] (p step 1)",
-        "f.as:4: not executed: unknown instruction: WIBBLE [instruction] (p step 2)",
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "options", "code", "words"),
     [
@@ -122,62 +113,6 @@ def test_the_exit_code_reports_whether_the_file_parses(
     path.write_text(text)
     assert main(["--check", *options, str(path)]) == code
     assert words in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("options", "code"), [([], 1), (["--share", "66"], 0)])
-def test_a_folder_needs_a_share_of_files_that_parse(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int
-) -> None:
-    """In all folders below it; words that are not executed are counted, the most frequent first."""
-    (tmp_path / "below").mkdir()
-    (tmp_path / "notes.txt").write_text("no program")
-    (tmp_path / "a.as").write_text(".PROGRAM a()\nSTIM 3001 = 1,2\nSTIM 3002 = 1,2\nSLAVE\n.END\n")
-    (tmp_path / "below" / "B.PG").write_text(CLEAN)
-    (tmp_path / "c.as").write_text(CLEAN.replace("= 1", "="))
-    assert main(["--check", *options, str(tmp_path)]) == code
-    broken, often, once, summary = capsys.readouterr().out.splitlines()
-    assert "c.as:" in broken
-    assert "2 times not executed: instruction that is not emulated: STIM" in often
-    assert "1 times not executed: instruction that is not emulated: SLAVE" in once
-    assert "2 of 3 whole AS files parse, 66.7 %" in summary
-    assert "0 more are not closed, 0 without any program or section" in summary
-    assert "3 words in 6 steps are not executed" in summary
-
-
-@pytest.mark.parametrize(
-    "text",
-    [".PROGRAM p()\nx = 1\n", ".PROGRAM p()\nIF x THEN\n.END\n", ".PROGRAM p()\nEND\n.END\n",
-     "; a list of numbers\nx = 1008\n"],
-)  # fmt: skip
-def test_files_that_are_cut_off_or_no_as_are_named_and_not_in_the_share(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
-) -> None:
-    """The controller refuses them too; a wrong line in one of them makes it a measure again."""
-    (tmp_path / "a.as").write_text(CLEAN)
-    (tmp_path / "b.as").write_text(text)
-    assert main(["--check", str(tmp_path)]) == 0
-    named, summary = capsys.readouterr().out.splitlines()
-    assert "b.as:" in named
-    assert "1 of 1 whole AS files parse, 100.0 %" in summary
-    (tmp_path / "b.as").write_text(text + ".PROGRAM q\nx = (\n.END\n")
-    assert main(["--check", str(tmp_path)]) == 1
-    assert "1 of 2 whole AS files parse, 50.0 %" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "code", "words"),
-    [("b.as", "x = 1008\n", 1, "0 of 0 whole AS files parse, 0.0 %"),
-     ("notes.txt", "no program", 2, "there is no file .as or .pg in it"),
-     ("", "", 2, "cannot be read")],
-)  # fmt: skip
-def test_nothing_to_check_is_no_success(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, code: int, words: str
-) -> None:
-    """A folder without a whole AS file, without any, and a file that is missing."""
-    if name:
-        (tmp_path / name).write_text(text)
-    assert main(["--check", str(tmp_path if name else tmp_path / "no.as")]) == code
-    assert words in "".join(capsys.readouterr())
 
 
 def test_the_shipped_program_is_clean() -> None:

@@ -11,7 +11,6 @@ from sim.as_language.parser import load, parse
 from sim.as_language.syntax import (
     Binary,
     FunctionCall,
-    Instruction,
     Number,
     Text,
     Unary,
@@ -44,18 +43,6 @@ def test_the_case_of_a_line_has_no_meaning() -> None:
         assert parse_line(lower) == expected
         compared += 1
     assert compared > 500
-
-
-@pytest.mark.parametrize(
-    ("text", "label", "there"),
-    [("10 x = 1", "10", True), ("out:", "out", False), ("out: x = 1", "out", True),
-     ("10", "10", False), ("ANY:", "any", False), ("ANY :", None, True), ("10: x = 1", "10", True)],
-)  # fmt: skip
-def test_labels_stand_before_the_instruction(text: str, label: str | None, there: bool) -> None:
-    """A number without colon or a name with one; ANY: without the blank is a label too."""
-    line = parse_line(text)
-    assert line.label == label
-    assert (line.statement is not None) == there
 
 
 @pytest.mark.parametrize(
@@ -94,40 +81,6 @@ def test_keywords_may_be_shortened(short: str, full: str) -> None:
 def test_the_meaning_of_a_word_depends_on_its_place(text: str, expected: syntax.Expression) -> None:
     """Formats, binary numbers, functions and keywords are not distinguished by spelling alone."""
     assert expression(text) == expected
-
-
-def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
-    """Options of a real backup: no list of arguments, and no reason to refuse the file."""
-    found = statement("  WELD JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;")
-    assert found == Instruction("WELD", (Text("JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;"),),
-                                unknown=True)  # fmt: skip
-
-
-@pytest.mark.parametrize("word", ["JOINT", "linear", "CIR1", "CIR2"])
-@pytest.mark.parametrize(
-    "rest",
-    ["SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) 2 (ON,0,0,C) OX= WX= #[1,-2.5,3] ;up",
-     "SPEED3 ACCU1 TIMER0 TOOL1 WORK0 GROUP0  CLAMP1 (OFF,0,0,O) OX= WX=  YO=^H0,^H0 #[1,2]"],
-)  # fmt: skip
-def test_a_block_step_of_the_pendant_is_known_and_kept_unread(word: str, rest: str) -> None:
-    """With clamps, signals and values of further axes; a label may stand before it."""
-    assert statement(f"  {word} {rest}") == Instruction(word.upper(), (Text(rest),))
-    assert parse_line(f"10 {word} {rest}").label == "10"
-
-
-@pytest.mark.parametrize("line", ["joint = 1", "JOINT SPEED9 ACCU1", "CALL joint", "cir1[2] = 3"])
-def test_the_words_of_block_steps_are_names_elsewhere(line: str) -> None:
-    """Without joint values it is an unknown instruction at most."""
-    found = statement(line)
-    assert not isinstance(found, Instruction) or found.unknown
-
-
-def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
-    """The check lists it; executing it is an error."""
-    assert statement("WIBBLE 1,x") == Instruction("WIBBLE", (ONE, X), unknown=True)
-    monitor_command = statement("MC DIRECTORY 1")
-    assert isinstance(monitor_command, Instruction)
-    assert monitor_command.unknown
 
 
 # --- structures -----------------------------------------------------------------------------------
@@ -212,19 +165,6 @@ def test_a_backup_is_read_whole(newline: str) -> None:
     assert data[Variable("#", "j")] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def test_long_lines_are_read() -> None:
-    """Real backups hold 207 columns, and more in comments."""
-    line = "x = 1" + " + 1" * 60 + " ;" + "c" * 300
-    assert len(parse(f".PROGRAM p\n{line}\n.END").programs["p"].steps) == 1
-
-
-def test_the_last_of_two_programs_of_one_name_counts_and_is_remarked() -> None:
-    """As a LOAD would replace it."""
-    source = parse(".PROGRAM p\n.END\n.PROGRAM p\nx = 1\n.END")
-    assert len(source.programs["p"].steps) == 1
-    assert "twice" in source.remarks[0].text
-
-
 @pytest.mark.parametrize(
     ("text", "code", "line"),
     [
@@ -251,32 +191,6 @@ def test_a_mistake_of_a_file_is_reported_with_code_and_line(
         parse(text)
     first = caught.value.mistakes[0]
     assert (first.code, first.where.line) == (code, line)
-
-
-@pytest.mark.parametrize(
-    ("line", "code", "column"),
-    [
-        ("x = (1", "P0120", 7),
-        ('$s = "abc', "P0108", 6),
-        ("IF x y = 1", "P0121", 6),
-        ("FOR i = 1 3", "P0121", 11),
-        ("GOTO", "P0108", 5),
-        ("POINT PI = 3", "P0117", 0),
-        ("HERE 5", "P0117", 0),
-        ("x[1,2,3,4] = 1", "P0119", 0),
-        ("x = 1E99", "E0106", 0),
-        ("x = \xe4", "P0108", 5),
-        ("x = $ENCODE(/F999.2,1)", "P0108", 0),
-        ("x = " + "-" * 200 + "1", "P0114", 0),
-    ],
-)
-def test_a_wrong_line_is_reported_with_its_place(line: str, code: str, column: int) -> None:
-    """Code, file, line and column."""
-    with pytest.raises(AsSyntaxError) as caught:
-        parse(f".PROGRAM p\n{line}\n.END", "f.as")
-    mistake = caught.value.mistakes[0]
-    assert (mistake.code, mistake.column) == (code, column)
-    assert str(mistake).startswith("f.as:2")
 
 
 def test_a_file_is_read_from_disk_byte_by_byte(tmp_path: Path) -> None:

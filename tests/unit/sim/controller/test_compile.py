@@ -7,39 +7,8 @@ from hypothesis import strategies as st
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.keywords import EMULATED
 from sim.as_language.special_functions import ALL_NAMES
-from sim.controller.behaviour import Behaviour
 from sim.controller.compile import DEAR, INSTRUCTIONS
 from tests.fakes.as_bench import AsBench, program
-
-
-def test_the_main_program_runs_as_many_cycles_as_asked() -> None:
-    """EXECUTE main,3 runs three times; a negative number runs for ever."""
-    bench = AsBench(program("n = n+1"))
-    bench.machine.memory.write("n", 0.0)
-    bench.start(cycles=3).advance(0.1)
-    assert (bench.value("n"), bench.task.state) == (3, "idle")
-    bench.start(cycles=-1).advance(0.1)
-    assert bench.value("n") > 100
-    assert bench.task.state == "running"
-
-
-def test_stop_begins_the_next_cycle_and_halt_ends_all() -> None:
-    """STOP restarts the main program when cycles remain, HALT does not."""
-    for word, rounds in (("STOP", 3), ("HALT", 1)):
-        sub = f".PROGRAM s()\n{word}\n.END\n"
-        bench = AsBench(program("n = n+1", "CALL s", "n = 100") + sub)
-        bench.machine.memory.write("n", 0.0)
-        bench.start(cycles=3).advance(0.2)
-        assert (bench.value("n"), bench.task.state) == (rounds, "idle")
-
-
-@pytest.mark.parametrize("step_ms", [0.1, 0.5, 2.0])
-def test_every_step_costs_the_processor_the_same_time(step_ms: float) -> None:
-    """A loop of two steps makes 1 s / (2 steps) rounds."""
-    bench = AsBench(program("n = 0", "WHILE TRUE DO", "n = n+1", "END"),
-                    Behaviour(step_s=step_ms * 1e-3)).start()  # fmt: skip
-    bench.advance(1.0)
-    assert bench.value("n") == pytest.approx(1000.0 / step_ms / 3, rel=0.01)
 
 
 def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:

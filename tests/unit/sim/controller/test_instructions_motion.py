@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.fakes.as_bench import FAST, AsBench, program
+from tests.fakes.as_bench import AsBench, program
 from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
@@ -84,36 +84,3 @@ def test_the_program_runs_one_motion_ahead() -> None:
     assert bench.value("a") < 0.02
     assert bench.value("b") == pytest.approx(0.5, abs=0.06)
     assert bench.value("c") == pytest.approx(1.07, abs=0.08)
-
-
-@pytest.mark.parametrize(
-    "relative",
-    ["LDEPART 10", "JDEPART 10", "DRAW 0,10,0", "TDRAW 0,10,0,0,0,5", "DRIVE 6,10", "ALIGN"],
-)
-def test_a_relative_motion_starts_from_the_end_of_the_motions_ahead(relative: str) -> None:
-    """It ends where it ends after a BREAK. DEST is the end of the motion that is under way."""
-    moves = ("LMOVE SHIFT(p BY 20,0,0)+RX(5)", "LMOVE SHIFT(p BY 20,0,20)+RX(10)")
-    behaviour = FAST.model_copy(update={"motions_ahead": 4})
-    waits, ahead = (
-        AsBench(program(*SQUARE, *moves, step, relative, "BREAK", "POINT #e = #DEST"),
-                behaviour).run()
-        for step in ("BREAK", "POINT d = DEST")
-    )  # fmt: skip
-    assert ahead.value("#e").values == pytest.approx(waits.value("#e").values, abs=1e-3)
-    start, destination = ahead.value("p"), ahead.value("d")
-    off_mm = destination.x - start.x, destination.z - start.z
-    assert off_mm == pytest.approx((20.0, 0.0), abs=0.1)
-
-
-def test_drive_and_draw_have_a_speed_of_their_own() -> None:
-    """It replaces the program's SPEED for that motion."""
-    for move, expected in (("DRAW 20,0,0,0,0,0,40 MM/S", 40.0), ("DRAW 20,0,0", 100.0)):
-        bench = AsBench(program(*SQUARE, move, "BREAK"))
-        trace = Trace(bench)
-        bench.run()
-        assert trace.speed_mm_s.max() == pytest.approx(expected, rel=0.02)
-    times = []
-    for percent in (5, 10):
-        source = program(*SQUARE, f"DRIVE 6,40,{percent}", "BREAK", "t = TIMER(0)")
-        times.append(AsBench(source).run().value("t"))
-    assert times[0] > 1.5 * times[1]

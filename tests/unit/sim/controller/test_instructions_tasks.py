@@ -1,23 +1,8 @@
 """Parallel programs, errors and their handlers, the monitor behind MC, waiting and PROMPT."""
 
-from collections import deque
-
 import pytest
 
-from tests.fakes.as_bench import FAST, AsBench, program
-
-
-def test_motion_instructions_stop_a_pc_program_with_e1095() -> None:
-    """Every one of them but BRAKE."""
-    moves = ("LMOVE #[0,0,-90,0,-90,0]", "JMOVE HERE", "DRIVE 1,5", "HOME", "SPEED 10 ALWAYS",
-             "TOOL NULL", "DELAY 1", "LDEPART 10", "DRAW 1,0,0", "MVWAIT 5")  # fmt: skip
-    for move in moves:
-        bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1")
-                        + program(move, name="other")).start()  # fmt: skip
-        bench.advance(0.2)
-        assert bench.codes == ["E1095"], move
-    bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1") + program("BRAKE", name="other"))
-    assert bench.run().codes == []
+from tests.fakes.as_bench import AsBench, program
 
 
 def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
@@ -64,17 +49,6 @@ def test_an_error_in_the_handler_stops_the_program() -> None:
         assert bench.fail().code == code
 
 
-def test_the_same_program_gives_the_same_run() -> None:
-    """Everything on the virtual clock is repeatable, to the step."""
-    source = program("HERE p", "FOR i = 1 TO 3", "LMOVE SHIFT(p BY 0,5*i,0)", "END", "BREAK",
-                     "t = TIMER(0)", "DECOMPOSE x[0] = HERE")  # fmt: skip
-    first, second = AsBench(source, FAST).run(), AsBench(source, FAST).run()
-    assert first.machine.steps == second.machine.steps
-    assert [first.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")] == [
-        second.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")
-    ]
-
-
 # --- waiting, values out of range, PROMPT ---------------------------------------------------------
 
 
@@ -100,26 +74,3 @@ def test_the_same_program_gives_the_same_run() -> None:
 def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
     """The code names the mistake."""
     assert AsBench(program(line)).fail().code == code
-
-
-def typed(line: str, *steps: str) -> AsBench:
-    """Run steps that wait for a line of the keyboard, which comes after 0.1 s."""
-    bench = AsBench(program(*steps))
-    bench.machine.hardware.keyboard = deque()
-    bench.start().advance(0.1)
-    assert bench.task.state == "running"
-    bench.pendant.type_line(line)
-    bench.advance(0.1)
-    return bench
-
-
-@pytest.mark.parametrize(
-    ("line", "values"),
-    [("1 2", (1, 2)), ("1.5, -2E1,7", (1.5, -20)), ("^HFF", (255, 0)), ("", (0, 0))],
-)
-def test_prompt_reads_numbers_that_are_typed(line: str, values: tuple[float, float]) -> None:
-    """Blanks or commas between them, 0 for those that are missing, the rest is ignored."""
-    bench = typed(line, 'PROMPT 2: "how many", a, b[3]')
-    assert bench.printed == ["how many>"]
-    assert (bench.value("a"), bench.value("b[3]")) == values
-    assert typed("abc", 'PROMPT "how many", a').codes == ["P0100"]

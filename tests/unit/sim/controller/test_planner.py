@@ -1,5 +1,7 @@
 """Goals of the emulated arm: kinematics, frames, relative motions, reach."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,6 @@ from tests.fakes.as_bench import AsBench, program
 from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
-# JT1..JT6 -> X, Y, Z [mm]; where O, A, T are unique, those too [deg]. RS007L, null tool and base.
 @pytest.mark.parametrize(
     ("lines", "moved"),
     [
@@ -66,3 +67,17 @@ def test_a_motion_ahead_that_cannot_be_reached_fails_at_its_own_step() -> None:
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "LMOVE SHIFT(p BY 0,2000,0)"))
     assert bench.fail().code == "E6007"
     assert bench.stopped_at == ("main", 4)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_three_points_give_an_arc_and_two_arcs_a_circle(side: int) -> None:
+    """Radius 30 mm, the whole turn once, at the program's speed."""
+    a, b, c = (f"SHIFT(p BY {x},{y * side},0)" for x, y in ((30, 30), (60, 0), (30, -30)))
+    bench = AsBench(program(*SQUARE, f"C1MOVE {a}", f"C2MOVE {b}", f"C1MOVE {c}", "C2MOVE p"))
+    trace = Trace(bench)
+    bench.run()
+    off = (trace.mm - trace.mm[0] - [30.0, 0.0, 0.0])[:, :2]
+    assert np.abs(np.linalg.norm(off, axis=1) - 30.0).max() < 0.2
+    angle = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
+    assert (angle[-1] - angle[0]) == pytest.approx(-side * 2.0 * math.pi, abs=1e-3)
+    assert trace.speed_mm_s.max() == pytest.approx(100.0, rel=0.02)

@@ -75,12 +75,3 @@ def test_friction_holds_up_to_its_limit_and_opposes_sliding_beyond_it(shape: Sha
         expected_N = min(limit_N, K_N_M * travels_m)
         assert push.force_N[0] == pytest.approx(-expected_N, rel=0.1)
         assert np.hypot(*push.force_N[:2]) <= limit_N * (1 + 1e-9)
-
-
-def test_a_disc_from_below_or_beyond_the_base_finds_no_surface() -> None:
-    """As below the plate: a deep first penetration is no touch; the base has no other side."""
-    sprung = surface("hemisphere")
-    assert sprung.step(disc((0, 0, 1), 0.01), DT_S).normal_N == 0.0
-    assert sprung.step(disc((1, 0, -0.1), 1e-3), DT_S).normal_N == 0.0
-    assert sprung.step(disc((0, 0, 1), -1e-3), DT_S).normal_N == 0.0
-    assert sprung.rests

@@ -24,15 +24,6 @@ def many(settings: SimSettings, count: int, seed: int = 0) -> np.ndarray:
     return np.array([np.concatenate((s.force_N, s.torque_Nm)) for s in samples])
 
 
-def test_a_clean_sensor_adds_nothing_but_its_bias_and_counts_its_samples():
-    """Without noise and steps the reading is the load plus the bias; the counter shows a loss."""
-    settings = SimSettings(**CLEAN, bias_force_N=(1.0, 2.0, 3.0), bias_torque_Nm=(0.1, 0.2, 0.3))
-    sensor = FtSensor(settings, ON_TOOL, seed=0)
-    first, second = sensor.sample(), sensor.sample()
-    assert (*first.force_N, *first.torque_Nm) == pytest.approx([11, -18, 33, 0.6, -0.05, 1.3])
-    assert (first.counter, second.counter) == (1, 2)
-
-
 def test_noise_has_the_spread_that_was_set():
     """Mean is the biased load, standard deviation the setting, axes independent."""
     settings = SimSettings(bias_force_N=(0, 0, 0), bias_torque_Nm=(0, 0, 0))

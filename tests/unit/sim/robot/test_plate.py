@@ -171,16 +171,6 @@ def test_beyond_the_cone_it_slips_with_the_limit_and_the_twist_shares_it():
     assert hand.push.torque_Nm[2] < 0.0
 
 
-@pytest.mark.parametrize("tilt_rad", [0.0, 0.3])
-def test_only_a_disc_that_is_flat_holds_a_twist(tilt_rad):
-    """On its edge it turns freely about the point where it touches: there is no lever."""
-    hand = DiscMover(plate(), tilt_rad=tilt_rad)
-    hand.sink(0.0005)
-    hand.move((0, 0, 0), (0, 0, 0.2), steps=20)
-    assert (hand.springs.twist_rad > 0.001) is (tilt_rad == 0.0)
-    assert (abs(hand.springs.twist_rad) < 1e-9) is (tilt_rad > 0.0)
-
-
 @pytest.mark.parametrize("start", [(HALF_SIDE_M + 0.001, 0.0, 0.001), (0.2, -0.01, -0.02)])
 def test_outside_and_below_the_plate_there_is_nothing_to_touch(start):
     """Nor does a tool that comes from the side below it get a blow."""
@@ -189,13 +179,3 @@ def test_outside_and_below_the_plate_there_is_nothing_to_touch(start):
     hand.move((0.0, 0.0, -0.1), steps=50)
     hand.move((-0.2, 0.0, 0.0), steps=1000)
     assert hand.work_J == 0.0
-
-
-def test_a_plate_left_alone_goes_back_with_its_time_constant():
-    """After one relaxation time 1/e of the travel is left."""
-    hand = DiscMover(plate(relaxation_s=0.01))
-    hand.sink(0.001)
-    travel_m = hand.springs.travel_m
-    hand.move((0, 0, 10.0))
-    hand.move((0, 0, 1.0), steps=9)
-    assert hand.springs.travel_m == pytest.approx(travel_m * math.exp(-1.0), rel=0.02)

@@ -30,13 +30,6 @@ def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
     assert np.array_equal(records["q"], joints)
 
 
-def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
-    """A user's cell leaves no trace; a missing trace reads as empty."""
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert trace_from_environment(SimArm(SimSettings(), seed=0), ManualClock()) is None
-    assert len(read_trace(tmp_path / "none")) == 0
-
-
 def test_a_half_written_record_of_a_killed_process_shifts_nothing(tmp_path, monkeypatch):
     """The next process of the arm continues at a whole record."""
     path = tmp_path / "trace"

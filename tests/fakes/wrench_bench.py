@@ -39,17 +39,8 @@ class WrenchBench(Bench):
 
     def _publish_all(self) -> None:
         if "robot" not in self.silent:
-            pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
-            self.put(
-                topics.ROBOT_STATE,
-                RobotState.from_dict(
-                    {
-                        **pose.as_dict(),
-                        "status": self.status,
-                        "valid": "robot!" not in self.silent,
-                    }
-                ),
-            )
+            pose = record_of(pin.SE3(self.R_base_flange, self.p_m)).as_dict()
+            self.put(topics.ROBOT_STATE, RobotState.from_dict({**pose, "status": self.status}))
         if "sensor" not in self.silent:
             self.put(topics.SENSOR_WRENCH, self.sample())
 

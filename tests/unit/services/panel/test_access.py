@@ -1,7 +1,6 @@
 """Access to the panel: doors, tokens, sessions, foreign pages, and the policy of the page."""
 
 import asyncio
-import http.client
 import json
 import re
 
@@ -10,8 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.datastructures import Headers
 from websockets.http11 import Request
-from websockets.sync.client import connect
-from websockets.typing import Origin
 
 from common.config.cell_helpers import PanelSection
 from forcemesh.clock import NS_PER_S, ManualClock
@@ -20,7 +17,6 @@ from services.panel.access import Door, door_of
 from services.panel.server import (
     Gate,
     PanelServer,
-    close_server,
     listen,
     open_server,
     with_nonce_unpacked,
@@ -186,32 +182,6 @@ def test_the_page_runs_its_own_scripts_and_calls_no_other_host():
 
 
 # --- viser ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.realtime
-def test_viser_is_behind_the_door():
-    """On real sockets foreign requests get neither page nor websocket, permitted ones get both."""
-    port = free_port()
-    door = Door("127.0.0.1", port)
-    gate = gate_of(door)
-    server = open_server(gate, door)
-    try:
-        for headers, expected in (({}, 200), ({"Origin": "http://other.example"}, 403)):
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
-            connection.request("GET", "/", headers=headers)
-            assert connection.getresponse().status == expected
-            connection.close()
-        url, ours = f"ws://127.0.0.1:{port}", Origin(f"http://127.0.0.1:{port}")
-        with pytest.raises(Exception, match="503"):
-            connect(url, origin=ours, proxy=None)
-        gate.ready = True
-        with pytest.raises(Exception, match="403"):
-            connect(url, origin=Origin("http://other.example"), proxy=None)
-        connect(url, origin=ours, proxy=None).close()
-        with pytest.raises(ForcemeshError, match="cannot listen"):
-            listen("127.0.0.1", port)
-    finally:
-        close_server(server)
 
 
 def test_a_viser_that_bypasses_the_door_or_starts_otherwise_is_refused(monkeypatch):

@@ -1,39 +1,17 @@
 """Answers to open questions: how each of them changes what a program does."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.config.cell_sim import SimSection
-from forcemesh.errors import ConfigError
-from sim.controller.behaviour import Behaviour, behaviour_in, behaviour_like
+from sim.controller.behaviour import Behaviour, behaviour_in
 from tests.fakes.as_bench import FAST, AsBench, program
 
 
 def changed(**fields: Any) -> Behaviour:
     """Return a quick controller with other answers."""
     return Behaviour(**(FAST.model_dump() | fields))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("behaviour: {motion_ahead: 3}\n", "did you mean motions_ahead?"),
-        ("behaviour: {motions_ahead: 5}\n", "behaviour.motions_ahead: "),
-        ("behaviour: {motions_ahead: 0}\n", "behaviour.motions_ahead: "),
-        ("behaviour: {step_s: 0}\n", "behaviour.step_s: "),
-        ("", "must hold a map of sections"),
-    ],
-)
-def test_a_mistake_in_the_file_of_a_probe_is_named(tmp_path: Path, text: str, words: str) -> None:
-    """With the file, the place and what is valid."""
-    path = tmp_path / "probe.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError) as refused:
-        behaviour_like(path)
-    assert words in str(refused.value)
-    assert str(path) in str(refused.value)
 
 
 # --- speeds ---------------------------------------------------------------------------------------

@@ -82,22 +82,3 @@ def test_abort_finishes_the_motion_and_ends_the_program() -> None:
     assert bench.task.machine.task_state(1) == 0
     assert (trace.mm[-1] - trace.mm[0])[0] == pytest.approx(50.0, abs=1e-3)
     assert bench.value("x") is None
-
-
-def test_an_emergency_stop_brakes_and_nothing_moves_until_power_and_run() -> None:
-    """Power on alone moves nothing either; after RUN the program continues with its next motion."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "BREAK", "LMOVE p", "BREAK"))
-    trace = Trace(bench)
-    bench.start().advance(0.5)
-    bench.pendant.emergency_stop()
-    bench.advance(0.1)
-    assert trace.speed_mm_s[-40:].max() < 1e-6
-    bench.pendant.motor_power(on=True)
-    assert not bench.robot.motor_power
-    bench.pendant.release_emergency_stop()
-    bench.pendant.motor_power(on=True)
-    bench.advance(0.5)
-    assert trace.speed_mm_s[-400:].max() < 1e-6
-    bench.pendant.run()
-    assert bench.advance(3.0, lambda: bench.task.state == "idle")
-    assert np.linalg.norm(trace.mm[-1] - trace.mm[0]) < 0.1

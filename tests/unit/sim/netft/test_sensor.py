@@ -53,13 +53,6 @@ def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
     assert numbers(sensor, 50) == list(range(1, 51))
 
 
-def test_switches_are_read_back_as_they_were_set() -> None:
-    """Every one by its name; those that are not named stay."""
-    switches = FaultSwitches().changed({"loss": "0.5", "stall": "On", "status": "0x80000004"})
-    assert (switches.loss, switches.stall, switches.status) == (0.5, True, 0x8000_0004)
-    assert switches.changed({"stall": "off"}) == FaultSwitches(loss=0.5, status=0x8000_0004)
-
-
 @pytest.mark.parametrize(
     ("name", "word"),
     [("los", "1"), ("loss", "1.1"), ("loss", "nan"), ("stall", "2"), ("status", "-1"),

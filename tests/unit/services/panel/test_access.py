@@ -14,13 +14,7 @@ from common.config.cell_helpers import PanelSection
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ForcemeshError
 from services.panel.access import Door, door_of
-from services.panel.server import (
-    Gate,
-    PanelServer,
-    listen,
-    open_server,
-    with_nonce_unpacked,
-)
+from services.panel.server import Gate, PanelServer, listen, open_server, with_nonce_unpacked
 from services.panel.sessions import SESSION_IDLE_S
 from tests.chaos.common_net import free_port
 

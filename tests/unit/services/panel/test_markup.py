@@ -8,17 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jinja2 import UndefinedError
 
-from forcemesh.messages import RecorderStatus, Trip
-from services.panel.faultlog import Happened
-from services.panel.markup import filled_page, html, joined, paragraphs
-from services.panel.tabs.calibrate import notes_of
-from services.panel.tabs.faults import log_text, now_text
-from services.panel.tabs.force import now_text as force_text
-from services.panel.tabs.record import words
-from services.panel.wizard import Progress
-from tests.fakes.hostile_text import filled, harmless, hostile, snapshot
+from services.panel.markup import html, joined
 from tools.tree import production_files
 
 ROOT = Path(__file__).parents[4]
@@ -69,46 +60,6 @@ def test_any_text_is_shown_literally_and_is_never_an_element(text):
     assert (found.tags, found.text) == (["p", "b title"], shown)
     assert Elements(joined([inner, inner], text)).text == 3 * shown
     assert html("{}|{}", None, "{0}{}") == "None|{0}{}"  # braces in a text are no fields
-
-
-def test_foreign_text_in_a_page_of_the_templates_is_text():
-    """A name is filled as a field of `html`; a missing or unknown one is an error."""
-    names = ["origin", "cards", "states", "stops", "forecasts", "requests"]
-    names += ["contacts", "plots", "scene", "topics"]
-    parts = dict.fromkeys(names, html("")) | {"title": "<b>{{ title }}</b>"}
-    found = Elements(filled_page("cli.report", "report.html", **parts))
-    assert "b" not in found.tags
-    assert found.text.count("<b>{{ title }}</b>") == 1 + 1
-    with pytest.raises(UndefinedError):
-        filled_page("cli.report", "report.html", title="")
-
-
-@pytest.mark.parametrize(
-    "shown",
-    [
-        lambda text: now_text(snapshot(text)),
-        lambda text: force_text(snapshot(text)),
-        lambda text: words(filled(RecorderStatus, text).replaced(recording=True)),
-        lambda text: notes_of(progress(text)),
-        lambda text: paragraphs(text("a"), text("b")),
-        lambda text: log_text((Happened("12:00:00", "FAULT", filled(Trip, text)),)),
-    ],
-    ids=["faults", "force", "record", "calibrate", "lines", "log"],
-)
-def test_no_text_of_a_message_changes_the_elements_of_a_tab(shown):
-    """Each form has the elements that it has with harmless text, and shows the whole text."""
-    plain, worst = Elements(shown(harmless)), Elements(shown(hostile))
-    assert worst.tags == plain.tags
-    assert len(worst.text) > len(plain.text)
-
-
-def progress(text):
-    """Return a calibration with this text in all fields."""
-    now = Progress()
-    now.update({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
-    now.update({"note": text("note")})
-    now.update({"error": text("error")})
-    return now
 
 
 # --- no other code makes HTML ---------------------------------------------------------------------

@@ -12,12 +12,7 @@ from common.motion.convert import vec3
 from common.motion.frames import rotation_from_vector
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
-from forcemesh.messages import (
-    ArbiterStatus,
-    RegulatorTarget,
-    RobotState,
-    WrenchAtTcp,
-)
+from forcemesh.messages import ArbiterStatus, RegulatorTarget, RobotState, WrenchAtTcp
 from services.panel.status_bar import force_display, strip
 from services.panel.watch import Snapshot
 from tests.fakes.bench import CELL

@@ -1,15 +1,22 @@
-"""Back off in the panel: its two questions and its answers, without a browser."""
+"""Questions, answers and log of the panel's tabs, without a browser."""
 
 from collections.abc import Callable
+from html import escape
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from forcemesh.errors import RefusedError
-from forcemesh.faults import tripped
-from forcemesh.messages import Trip
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import ArbiterStatus, Trip
+from forcemesh.requests import ForceStartRequest
+from services.panel.faultlog import FAULTS_KEPT, FaultLog
 from services.panel.tabs import move
+from services.panel.tabs.faults import SHOWN, log_text
+from services.panel.tabs.force import start_question
 from services.panel.viewer import RequestOutcome, Viewer
 from tests.fakes.bench import CELL
 
@@ -74,3 +81,29 @@ def test_back_off_asks_again_only_where_no_force_can_be_followed(
     assert all("followed: &lt;b&gt;" in text for _, text in viewer.questions[1:])
     assert (len(viewer.answers), viewer.answers[-1][0]) == (len(ends), answer[0])
     assert answer[1] in viewer.answers[-1][1]
+
+
+@given(st.lists(st.sets(st.sampled_from(["force", "hold", "stale"])), max_size=30))
+def test_the_log_has_each_reason_once_for_each_occurrence(histories):
+    """A lasting reason is one line; one that ends and returns is two; newest first."""
+    log, expected = FaultLog(lambda: "now"), 0
+    before: set[str] = set()
+    for reasons in histories:
+        trips = tuple(tripped(code, code) for code in sorted(reasons))
+        log.saw(ArbiterStatus(state="HOLDING", trips=trips))
+        log.saw(None)  # a missing status ends no reason
+        expected += len(reasons - before)
+        before = reasons
+    assert len(log.newest()) == min(expected, FAULTS_KEPT)
+    shown = log_text(log.newest())
+    assert all(escape(FAULTS[one.trip.code].remedy) in shown for one in log.newest()[:SHOWN])
+
+
+def test_the_questions_before_guiding_and_before_pressing_differ():
+    """A user agrees to the motion that follows."""
+    guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
+    assert "Hand guiding" in guide
+    assert "presses" not in guide
+    press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)
+    assert "<b>15 N</b>" in press
+    assert "50 mm" in press

@@ -82,18 +82,6 @@ def test_a_repeated_request_is_refused(begin: Begin) -> None:
     assert bench.stop().accepted
 
 
-def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
-    """Cut by time, nothing is lost between two files, and each has its metadata."""
-    bench = begin(file_min=0.1)
-    bench.start()
-    bench.pass_s(20.0)
-    bench.stop()
-    files = bench.files()
-    assert len(files) == 4
-    assert [number for path in files for number in numbers(path)] == list(range(1, 201))
-    assert all(RecordedFile(path).cell is not None for path in files)
-
-
 def test_lost_messages_are_counted(begin: Begin) -> None:
     """Gaps in the writer's numbers count; a restarted writer has lost nothing."""
     bench = begin()
@@ -142,18 +130,6 @@ def test_without_a_new_stop_or_without_memory_nothing_is_written(begin: Begin) -
     without.trip()
     assert bench.files() == []
     assert without.status().memory_s == 0.0
-
-
-def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
-    """There is one file, which continues until a stop."""
-    bench = begin(after_fault_s=1.0)
-    bench.start()
-    bench.trip()
-    bench.pass_s(3.0)
-    assert bench.status().recording
-    bench.stop()
-    (path,) = bench.files()
-    assert events(path) == ["force"]
 
 
 def test_a_stop_soon_after_another_one_has_its_own_file(begin: Begin) -> None:

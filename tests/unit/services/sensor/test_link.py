@@ -7,12 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from forcemesh.clock import NS_PER_S
-from services.sensor.link import (
-    REOPEN_AFTER,
-    REPEAT_REQUEST_S,
-    ReceivedDatagrams,
-    UdpLink,
-)
+from services.sensor.link import REOPEN_AFTER, REPEAT_REQUEST_S, ReceivedDatagrams, UdpLink
 from services.sensor.rdt import RdtCommand, request
 
 pytestmark = pytest.mark.realtime
@@ -79,23 +74,3 @@ def test_an_unanswered_request_is_repeated_and_at_last_from_a_new_socket(
     assert set(clients[:-1]) == {clients[0]}
     sensor.sendto(b"a record", clients[-1])
     assert received(link, (REOPEN_AFTER + 1) * ASK_NS - 1).datagrams == [b"a record"]
-
-
-def test_a_network_error_is_reported_until_the_sensor_is_received(
-    link: UdpLink, sensor: socket.socket
-) -> None:
-    """A closed port has another reason than a wrong address; once open, the stream is taken."""
-    port = sensor.getsockname()[1]
-    sensor.close()
-    link.poll(0)
-    give_up_s = time.monotonic() + PATIENCE_S
-    while "connection refused" not in link.fault:
-        assert time.monotonic() < give_up_s
-        link.poll(1)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.bind(("127.0.0.1", port))
-        opened.settimeout(PATIENCE_S)
-        link.poll(ASK_NS)
-        opened.sendto(b"a record", opened.recvfrom(64)[1])
-        received(link, ASK_NS + 1)
-    assert link.fault == ""

@@ -33,7 +33,6 @@ SCALE = SensorSection(
 PERIOD_NS = 2_000_000
 
 uint32 = st.integers(0, SEQUENCES - 1)
-int32 = st.integers(-(2**31), 2**31 - 1)
 
 
 def record(

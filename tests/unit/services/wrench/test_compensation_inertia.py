@@ -8,24 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.load import load_cell
-from common.config.payload import Payload
 from forcemesh import topics
-from forcemesh.errors import ConfigError
 from forcemesh.requests import MoveRequest
-from services.wrench.compensation import (
-    AccelerationEstimator,
-    ReportedPosition,
-)
+from services.wrench.compensation import AccelerationEstimator, ReportedPosition
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 from tests.unit.common.config.test_load import DEMO
 
-PAYLOAD = Payload(
-    mass_kg=1.2,
-    com_m=(0.01, 0.02, 0.05),
-    bias_force_N=(0.0, 0.0, 0.0),
-    bias_torque_Nm=(0.0, 0.0, 0.0),
-)
 PERIOD_NS = round(1e9 / CELL.rates.robot_hz)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
@@ -101,9 +90,3 @@ def test_a_swung_tool_weighs_no_more_than_at_rest() -> None:
     without, with_it = residual_rms_N(inertial=False), residual_rms_N(inertial=True)
     assert without > 0.5
     assert with_it < 0.2 * without
-
-
-def test_a_slow_robot_is_reported_as_too_slow() -> None:
-    """Its poses do not resolve accelerations."""
-    with pytest.raises(ConfigError, match=r"rates\.robot_hz must be at least 100"):
-        load_cell(DEMO, {"filter.inertial": True, "rates.robot_hz": 40})

@@ -14,19 +14,12 @@ from hypothesis.extra import numpy as hnp
 from common.config.load import cell_from_tree
 from forcemesh.errors import ConfigError
 from forcemesh.faults import FAULTS
-from services.wrench.plausibility import (
-    NO_FAULT,
-    ReadingCheck,
-    ReadingLimits,
-)
+from services.wrench.plausibility import NO_FAULT, ReadingCheck, ReadingLimits
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import SENSOR_S
 
 BOUNDS = ReadingLimits.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
-LARGEST = [
-    step + per_s * SENSOR_S for step, per_s in zip(BOUNDS.step, BOUNDS.step_per_s, strict=True)
-]
 
 
 def codes(readings: list[np.ndarray], bounds: ReadingLimits = BOUNDS) -> list[str]:

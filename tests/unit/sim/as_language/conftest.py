@@ -10,7 +10,6 @@ from sim.as_language.errors import AsError
 from sim.as_language.lines import parse_line
 from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Namespace
-from sim.as_language.parser import parse
 from sim.as_language.values import Joints, Transformation, Value
 
 HERE = Transformation(1.0, 2.0, 3.0, 10.0, 20.0, 30.0)
@@ -74,8 +73,3 @@ def statement(text: str) -> syntax.Statement:
     parsed = parse_line(text).statement
     assert parsed is not None
     return parsed
-
-
-def program(*lines: str) -> syntax.Program:
-    """Parse a program of these lines."""
-    return parse("\n".join([".PROGRAM p", *lines, ".END"])).programs["p"]

@@ -44,7 +44,9 @@ CODES = [
     ('INSTR("a","b","c")', "P0116"), ("$LEFT(,1)", "P0116"), ('$DECODE("a","b")', "P0116"),
     ("$DECODE(x,1)", "P0116"), ("DEXT(HERE,7)", "E0106"), ("SHIFT(#HERE BY 1)", "P0116"),
     ("TRANS(1,2,3,4,5,6,7)", "P0101"), ("FRAME(HERE,HERE,HERE)", "P0116"),
-    ("FRAME(HERE,HERE,HERE,HERE)", "E0106"), ('STRTOVAL("q")', "E0102"),
+    ("FRAME(HERE,HERE,HERE,HERE)", "E0106"), ("$ENCODE(/K6,1)", "P0108"),
+    ("$ENCODE(NULL)", "P0118"), ("$ENCODE($SPACE(200),$SPACE(56))", "E0110"),
+    ('STRTOVAL("q")', "E0102"),
     ('STRTOPOS("q")', "E0103"), ('STRTOVAL("p")', "P0118"), ('STRTOVAL("x2[i]")', "P0119"),
     ("STRTOVAL(x)", "P0118"), ("STRTOPOS()", "P0116"), ('EXISTDATA("x",Q)', "P0116"),
     ('EXISTDATA("x",1)', "P0116"),
@@ -92,3 +94,23 @@ def test_rx_ry_and_rz_turn_about_their_axis(axis: str, column: int) -> None:
     assert R[:, column] == pytest.approx(np.eye(3)[column], abs=1e-6)
     following = (column + 1) % 3
     assert R[:, following] == pytest.approx(np.eye(3)[(column + 2) % 3], abs=1e-6)
+
+
+@given(st.integers(-99_999, 999_999))
+def test_a_six_character_field_reads_back_as_the_number_that_was_written(number: int) -> None:
+    """The packet's range (design section 3), written with /I6 and read with VAL."""
+    bench = AsLanguage()
+    bench.memory.write("n", float(number))
+    bench.memory.write("$f", str(bench("$ENCODE(/I6,n)")))
+    assert bench("LEN($f)") == 6
+    assert bench("VAL($f)") == number
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_the_default_format_keeps_eight_digits(number: float) -> None:
+    """VAL reads the text of $ENCODE back to the last bit but one."""
+    bench = AsLanguage()
+    bench.memory.write("n", number)
+    bench.memory.write("$t", str(bench("$ENCODE(n)")))
+    outcome = bench.outcome("VAL($t)")
+    assert outcome == pytest.approx(number, rel=1e-7, abs=1e-45) or outcome == "E0106"

@@ -8,17 +8,9 @@ from sim.as_language import syntax
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.lines import parse_line
 from sim.as_language.parser import load, parse
-from sim.as_language.syntax import (
-    Binary,
-    FunctionCall,
-    Number,
-    Text,
-    Unary,
-    Variable,
-    Word,
-)  # fmt: skip
+from sim.as_language.syntax import Binary, FunctionCall, Number, Text, Unary, Variable, Word
 from tests.corpus.cases import FILES
-from tests.unit.sim.as_language.conftest import expression, program, statement
+from tests.unit.sim.as_language.conftest import expression, statement
 
 ONE, TWO = Number(1.0), Number(2.0)
 X, P = Variable("", "x"), Variable("", "p")
@@ -84,15 +76,6 @@ def test_the_meaning_of_a_word_depends_on_its_place(text: str, expected: syntax.
 
 
 # --- structures -----------------------------------------------------------------------------------
-
-
-def test_steps_are_counted_as_the_controller_lists_them() -> None:
-    """Comments are steps, blank lines are not; text and line are kept for messages."""
-    steps = program("; first", "", "  x = 1 ; why", "").steps
-    assert [(step.number, step.where.line, step.text) for step in steps] == [
-        (1, 2, "; first"), (2, 4, "x = 1 ; why"),
-    ]  # fmt: skip
-    assert steps[0].statement == syntax.Comment()
 
 
 # --- whole files ----------------------------------------------------------------------------------

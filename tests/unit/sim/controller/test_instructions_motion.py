@@ -38,19 +38,6 @@ def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
     assert np.diff(trace.speed_mm_s).max() < 2.0 + 1e-6  # 2 m/s^2 is 2 mm/s each ms
 
 
-@pytest.mark.parametrize("move", ["LMOVE SHIFT(p BY 30,0,0)", "DRIVE 1,10,20"])
-def test_the_monitor_speed_multiplies_every_program_speed(move: str) -> None:
-    """Linear and joint motions alike."""
-    fastest = []
-    for percent in (100, 50):
-        bench = AsBench(program("HERE p", "SPEED 60 MM/S", move, "BREAK"))
-        bench.pendant.monitor_speed(percent)
-        trace = Trace(bench)
-        bench.run()
-        fastest.append(trace.speed_mm_s.max())
-    assert fastest[1] == pytest.approx(0.5 * fastest[0], rel=0.03)
-
-
 def corner(cp: str, accuracy_mm: float) -> tuple[AsBench, Trace]:
     """Go 40 mm aside and 40 mm across."""
     bench = AsBench(program(cp, *SQUARE, f"ACCURACY {accuracy_mm} ALWAYS",

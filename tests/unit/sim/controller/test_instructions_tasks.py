@@ -5,21 +5,6 @@ import pytest
 from tests.fakes.as_bench import AsBench, program
 
 
-def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
-    """The robot program continues; the error names program and step, and ERROR has its number."""
-    other = program("TWAIT 0.1", "x = 1/0", name="other")
-    bench = AsBench(program("PCEXECUTE 4: other", "TWAIT 0.3", "e = ERROR", "t = TASK(1004)",
-                            "c = SYSDATA(ERROR.CODE)")
-                    + other).start()  # fmt: skip
-    bench.advance(1.0)
-    assert bench.task.state == "idle"
-    assert [bench.value(name) for name in "etc"] == [-30108, 0, -30108]
-    stop = bench.machine.stops[0]
-    assert (stop.error.code, stop.program, stop.step) == ("E0108", "other", 2)
-    assert "other" in str(stop)
-    assert "step 2" in str(stop)
-
-
 def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
     """WAIT 1/c fails once c is 0: the message, CONTINUE and RETURNE take it for the WAIT's step."""
     other = program("TWAIT 0.1", "c = 0", name="other")

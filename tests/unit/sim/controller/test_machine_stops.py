@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.controller.behaviour import pessimistic
-from tests.fakes.as_bench import FAST, AsBench, program
+from tests.fakes.as_bench import AsBench, program
 from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
@@ -27,18 +26,6 @@ def test_brake_from_a_pc_program_stops_within_v2_over_2a() -> None:
     assert rest[0] == pytest.approx(2.0, abs=0.15)
     assert np.abs(rest[1:]).max() < 1e-3
     assert trace.speed_mm_s[at + 42 :].max() < 1e-6
-
-
-def test_brake_drops_all_motions_ahead_and_the_pessimistic_controller_starts_it() -> None:
-    """The open question of the facts, both readings."""
-    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "LMOVE SHIFT(p BY 0,50,0)",
-                     "LMOVE SHIFT(p BY 0,50,0)", "n = 1", "BREAK")  # fmt: skip
-    kind, _ = braked(source, 0.5, behaviour=FAST.model_copy(update={"motions_ahead": 4}))
-    hard, _ = braked(source, 0.5, behaviour=pessimistic(2e-5))
-    start = AsBench(source).task.machine.here()
-    assert kind.task.machine.here().y == pytest.approx(start.y, abs=0.1)
-    assert hard.task.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
-    assert kind.value("n") == 1
 
 
 def test_hold_decelerates_and_run_finishes_the_motion() -> None:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.sensor.rdt import parse
-from sim.netft.protocol import command_of, record
+from sim.netft.protocol import record
 from sim.netft.sensor import FaultSwitches, NetftSensor
 
 WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
@@ -32,15 +32,6 @@ def test_the_driver_reads_the_records_of_the_sensor(rdt: int, ft: int, counts: t
     assert read is not None
     assert (read.rdt_sequence, read.ft_sequence, read.status) == (rdt, ft, 0x80010000)
     assert read.counts == counts
-
-
-@given(st.binary(max_size=20))
-def test_other_bytes_than_a_request_change_nothing(data: bytes) -> None:
-    """The real one ignores it, too."""
-    sensor = NetftSensor()
-    sensor.receive(data, "me")
-    known = command_of(data)
-    assert sensor.client is None or (known is not None and known[0] == 2)
 
 
 @given(st.integers(1, 30), st.integers(0, 40))

@@ -69,19 +69,6 @@ def test_lag_of_the_motion_is_the_documented_one(settings, axis):
     assert area_s == pytest.approx(settings.delay_s + smoothing_s + settings.servo_lag_s, abs=1e-4)
 
 
-@pytest.mark.parametrize("delay_ms", [0, 1, 30])
-def test_delay_is_exact_to_the_millisecond(delay_ms):
-    """Before the delay has passed the arm rests; in the step after it the servo is driven."""
-    arm = SimArm(SimSettings(delay_s=delay_ms * 1e-3, smoothing_s=0.001), seed=0)
-    start = arm.q
-    arm.command_joints(flange_moved(arm, (0.0, 0.0, 0.001), arm.T_base_flange))
-    run(arm, delay_ms * 1e-3)
-    assert arm.q == pytest.approx(start, abs=1e-12)
-    assert arm.moving is (delay_ms > 0)  # the command is in flight
-    arm.step()
-    assert abs(arm.q - start).max() > 1e-7
-
-
 def test_the_hanging_tool_pulls_the_sensor_with_gravity():
     """Free of contact the load is m g at the centre of mass, in sensor axes, at any attitude."""
     settings = SimSettings(**QUIET)

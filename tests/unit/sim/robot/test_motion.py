@@ -1,7 +1,5 @@
 """The controller's own motions: goals on a trapezoid, braking, streamed poses."""
 
-import math
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -87,22 +85,6 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     # The last two ticks share the rest of the travel: less than two ticks of deceleration.
     assert v[-3:].max() <= 2.0 * ACCEL_M_S2 * speed.decel_fraction * DT_S + 1e-6
     assert -change[:-2].min(initial=0.0) <= ACCEL_M_S2 * speed.decel_fraction * (1 + 1e-3) + 1e-4
-
-
-@pytest.mark.parametrize(
-    ("move", "words"),
-    [
-        ((0.0, 0.9, 0.0), "out of reach"),
-        ((0.0, -0.35, -0.377), "path"),
-        ((math.nan, 0, 0), "finite"),
-    ],
-)
-def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, words):
-    """The arm stays, and the reason names the place where it would have ended."""
-    motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_pose(moved(np.array(move)), Speed())
-    assert motion.state == "idle"
-    assert np.array_equal(motion.tick(DT_S), HOME)
 
 
 def test_braking_a_stream_never_goes_beyond_its_last_pose():

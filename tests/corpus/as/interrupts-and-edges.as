@@ -21,6 +21,7 @@
   ON 2002 CALL two,9
   PCEXECUTE 1: both
   WAIT order>9
+  TWAIT 0.05
   ON 2006 CALL never
   ON 2006 CALL newer
   SIGNAL 2006

@@ -1,4 +1,4 @@
-"""Status bar of the panel: state, cause, force, services, colours, and the reply to a stop."""
+"""Status bar of the panel: state, cause, remedy, commander, force, and who may stop."""
 
 from dataclasses import replace
 

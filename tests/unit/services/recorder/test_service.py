@@ -147,6 +147,17 @@ def test_a_stop_soon_after_another_one_has_its_own_file(begin: Begin) -> None:
     assert numbers(causes["force"])[0] == 1  # memory, from before both
 
 
+def test_memory_stays_within_its_time_and_size(begin: Begin) -> None:
+    """Old seconds are dropped, and more of them with a small size."""
+    bench = begin(keep_min=0.1)
+    bench.pass_s(30.0)
+    assert 5.0 < bench.status().memory_s <= 7.0
+    full = begin(memory_MB=1.0)
+    full.recorder._ring_buffer._most_bytes = 1500
+    full.pass_s(30.0)
+    assert 0 < full.status().memory_bytes <= 2000
+
+
 # --- its disk -------------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""The Robotiq FT 300: bytes and frames, and the driver over a pseudo-terminal."""
+"""The Robotiq FT 300: bytes and frames, and the driver on a line in memory."""
 
 import random
 import struct

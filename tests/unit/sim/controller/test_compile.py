@@ -1,4 +1,4 @@
-"""Control flow, subroutines and cycles of AS programs, and any instruction with any arguments."""
+"""Shares of the processor, compound locations, and any instruction with any arguments."""
 
 import pytest
 from hypothesis import given, settings

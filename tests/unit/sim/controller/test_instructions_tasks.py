@@ -1,4 +1,4 @@
-"""Parallel programs, errors and their handlers, the monitor behind MC, waiting and PROMPT."""
+"""Errors of steps that wait, of handlers, and of impossible values."""
 
 import pytest
 

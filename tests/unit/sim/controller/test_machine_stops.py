@@ -1,4 +1,4 @@
-"""Stops of the emulated arm: BRAKE, HOLD, ABORT, emergency stop, the end of a program."""
+"""Stops of the emulated arm: BRAKE, HOLD and ABORT."""
 
 import numpy as np
 import pytest

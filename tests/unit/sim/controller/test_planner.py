@@ -1,4 +1,4 @@
-"""Goals of the emulated arm: kinematics, frames, relative motions, reach."""
+"""Goals of the emulated arm: frames, relative motions, reach, arcs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Every fault of the simulated Net F/T ends in a code of its own; nothing is lost in silence."""
+"""Every fault of the simulated Net F/T ends in a code of its own, and ends with its cause."""
 
 from typing import Any
 

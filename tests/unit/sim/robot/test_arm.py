@@ -1,4 +1,4 @@
-"""The simulated arm and its cell: lag, delay, stiffness, sensor sign, honesty about divergence."""
+"""The simulated arm and its cell: lag, delay, weight, sensor sign, honesty about divergence."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The controller's own motions: goals on a trapezoid, braking, streamed poses."""
+"""The controller's own motions: straight lines on a trapezoid, and the end of a stream."""
 
 import numpy as np
 import pinocchio as pin

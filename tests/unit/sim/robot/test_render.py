@@ -1,4 +1,4 @@
-"""Pictures of the cell: everything a reader should recognise is in them, or one clear error."""
+"""Pictures of the cell: sensor and force are in them, or there is one clear error."""
 
 import os
 import subprocess

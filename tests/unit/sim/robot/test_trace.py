@@ -1,4 +1,4 @@
-"""The trace of the simulated arm: every tick, at once, and none where none was requested."""
+"""The trace of the simulated arm: every tick, at once."""
 
 import numpy as np
 

@@ -24,9 +24,8 @@ class AsBench:
     def __init__(self, source: str, behaviour: Behaviour = FAST) -> None:
         self.printed: list[str] = []
         self.network = MemoryNetwork()
-        self.machine = Machine(
-            SimArm(FREE, seed=0), self.network, behaviour=behaviour, print_line=self.printed.append
-        )
+        arm, note = SimArm(FREE, seed=0), self.printed.append
+        self.machine = Machine(arm, self.network, behaviour=behaviour, print_line=note)
         self.machine.load(parse(source))
         self.pendant = self.machine.pendant
         self.pendant.monitor_speed(100.0)
@@ -51,11 +50,6 @@ class AsBench:
     def codes(self) -> list[str]:
         """Codes of the errors so far."""
         return [stop.error.code for stop in self.machine.stops]
-
-    @property
-    def now_s(self) -> float:
-        """Virtual time since power-on."""
-        return self.machine.now_ns / NS_PER_S
 
     def value(self, name: str) -> Any:
         """Return the value of a global variable."""

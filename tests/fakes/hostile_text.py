@@ -28,11 +28,6 @@ def hostile(name: str) -> str:
     return f"{name} {(MARKUP * 3)[:inside]} {name}"
 
 
-def harmless(name: str) -> str:
-    """Return a text without markup."""
-    return f"{name.replace('.', '')} harmless"
-
-
 def filled(model: type[Record], text: Any, where: str = "") -> Any:
     """Return a message with `text(name of the field)` in every text field at any depth."""
     values = {}

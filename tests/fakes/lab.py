@@ -1,7 +1,7 @@
 """A whole cell on a virtual clock, armed, with a client."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,12 +10,7 @@ from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotate_about_base_axes
 from forcemesh import topics
-from forcemesh.messages import (
-    ArbiterStatus,
-    Host,
-    PoseRecord,
-    RobotState,
-)
+from forcemesh.messages import ArbiterStatus, Host, PoseRecord, RobotState
 from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
 from sim.controller.machine import Machine
@@ -39,9 +34,8 @@ class Lab:
         self.command = self.cell.client.reader(topics.ROBOT_COMMAND)
         self.arbiter = self.cell.client.reader(topics.ARBITER_STATUS)
         self.wrench = self.cell.client.reader(topics.WRENCH)
-        self.cell.advance(
-            1.2 if cell.roles.robot == "sim" else 1.6
-        )  # a controller needs a hello first
+        # A controller needs a hello first.
+        self.cell.advance(1.2 if cell.roles.robot == "sim" else 1.6)
         assert self.ask(topics.TARE, Empty()).accepted
         assert self.ask(topics.ARM, Empty()).accepted
         self.cell.advance(0.05)
@@ -64,14 +58,12 @@ class Lab:
     @property
     def state(self) -> RobotState:
         """Last report of the robot."""
-        state: RobotState = self.now(self.robot)
-        return state
+        return cast("RobotState", self.now(self.robot))
 
     @property
     def status(self) -> ArbiterStatus:
         """Last status of the arbiter."""
-        status: ArbiterStatus = self.now(self.arbiter)
-        return status
+        return cast("ArbiterStatus", self.now(self.arbiter))
 
     @property
     def force_N(self) -> float:
@@ -110,9 +102,8 @@ class Lab:
     def target(self, **shift: float) -> PoseRecord:
         """Return a flange pose shifted from the present one, with a small rotation."""
         T = pose_of(self.state)
-        T.translation = T.translation + np.array(
-            [shift.get(axis, 0.0) for axis in ("x_m", "y_m", "z_m")]
-        )
+        moved_m = [shift.get(axis, 0.0) for axis in ("x_m", "y_m", "z_m")]
+        T.translation = T.translation + np.array(moved_m)
         T.rotation = rotate_about_base_axes(T.rotation, np.array([0.1, 0.0, 0.2]))
         return record_of(T)
 

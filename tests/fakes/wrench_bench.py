@@ -5,7 +5,8 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import record_of
-from common.motion.frames import GRAVITY_M_S2, Oat, R_from_oat
+from common.motion.frames import Oat, R_from_oat
+from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.messages import RobotState, RobotStatus, SensorWrench, WrenchAtTcp
 from services.wrench.service import WrenchService
@@ -17,10 +18,7 @@ IDEAL = CELL.model_copy(update={"sensor": CELL.sensor.model_copy(update={"frozen
 REPORT_S = CELL.stale_after_s(topics.WRENCH)  # duration of a fault's report
 DOWN = R_from_oat(Oat(0.0, np.pi, 0.0))
 BIAS_N, BIAS_NM = np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
-MASS_KG, COM_M = CELL.payload.mass_kg, np.array(CELL.payload.com_m)
-P_FLANGE_TCP = np.array(CELL.tool.T_flange_tcp.position_m)
-P_FLANGE_SENSOR = np.array(CELL.sensor.T_flange_sensor.position_m)
-R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
+T_FLANGE_TCP, T_FLANGE_SENSOR = CELL.tool.T_flange_tcp.pose, CELL.sensor.T_flange_sensor.pose
 
 
 class WrenchBench(Bench):
@@ -39,29 +37,20 @@ class WrenchBench(Bench):
 
     def _publish_all(self) -> None:
         if "robot" not in self.silent:
-            pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
-            self.put(
-                topics.ROBOT_STATE,
-                RobotState.from_dict(
-                    {
-                        **pose.as_dict(),
-                        "status": self.status,
-                        "valid": "robot!" not in self.silent,
-                    }
-                ),
-            )
+            pose = record_of(pin.SE3(self.R_base_flange, self.p_m)).as_dict()
+            self.put(topics.ROBOT_STATE, RobotState.from_dict({**pose, "status": self.status}))
         if "sensor" not in self.silent:
             self.put(topics.SENSOR_WRENCH, self.sample())
 
     def sample(self) -> SensorWrench:
         """Return the ideal reading: weight, environment and bias, in sensor axes."""
-        R = self.R_base_flange @ R_FLANGE_SENSOR
-        weight_N = np.array([0.0, 0.0, -MASS_KG * GRAVITY_M_S2])
-        lever_m = self.R_base_flange @ (P_FLANGE_TCP - P_FLANGE_SENSOR)
-        moment_Nm = np.cross(R @ COM_M, weight_N) + np.cross(lever_m, self.force_N) + self.torque_Nm
+        R = self.R_base_flange @ T_FLANGE_SENSOR.rotation
+        lever_m = T_FLANGE_TCP.translation - T_FLANGE_SENSOR.translation
+        moment_Nm = np.cross(self.R_base_flange @ lever_m, self.force_N) + self.torque_Nm
+        force_N, torque_Nm = predict(CELL.payload, R)
         truth = {
-            "force_N": tuple((R.T @ (weight_N + self.force_N) + BIAS_N).tolist()),
-            "torque_Nm": tuple((R.T @ moment_Nm + BIAS_NM).tolist()),
+            "force_N": tuple((force_N + R.T @ self.force_N).tolist()),
+            "torque_Nm": tuple((torque_Nm + R.T @ moment_Nm).tolist()),
         }
         return SensorWrench.from_dict(truth | self.sensor)
 

@@ -31,9 +31,10 @@ from forcemesh import topics
 from forcemesh.faults import FAULTS
 from forcemesh.messages import RobotStatus, Speed
 from forcemesh.reader import RESTART_S
-from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest
+from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest, RecordRequest
+from services.recorder.service import Recorder
 from tests.fakes.arbiter_world import MOVE_DOWN, World
-from tests.fakes.bench import CELL, DEMO
+from tests.fakes.bench import CELL, DEMO, Bench
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.lab import Lab
 from tests.fakes.netft_rig import NetftRig
@@ -69,7 +70,6 @@ from tests.fakes.provoked_last import (
     start_no_feedback,
     swing,
 )
-from tests.fakes.recorder_bench import record_without_space
 
 RANGE_N, MOST_IDLE_N = CELL.sensor.force_range_N, CELL.force.idle_max_N
 STIFF = {"contact.stiffness_N_m": 1e6, "force.approach_m_s": 1e-5}  # than any measured over TCP
@@ -165,6 +165,13 @@ def from_a_sensor_without_a_page() -> str:
     rig = NetftRig(page_fault="HTTP 404", cell={"sensor.calibration": "page"})
     rig.run(0.01)
     return rig.first_code()
+
+
+def record_without_space() -> str:
+    """Request a recording with less free space than required."""
+    cell = load_cell(DEMO, {"recorder.least_free_GB": 10_000.0})
+    bench = Bench("recorder", Recorder, cell, step_s=0.1)
+    return bench.ask(topics.RECORD_START, RecordRequest()).code
 
 
 def arming(cell: CellConfig) -> str:

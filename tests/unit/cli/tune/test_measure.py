@@ -13,9 +13,9 @@ from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
+from sim.robot.settings import TICK_S
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
-from tests.fakes.sim_truth import motion_lag_s
 from tests.fakes.verbs import call_verb
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
@@ -59,7 +59,7 @@ def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int)
     cell = TuneCell(overrides=drawn)
     readings = run(cell, TuningTrial())
     arm, found = cell.world.arm.settings, readings.arm
-    lag_s = motion_lag_s(arm)
+    lag_s = (arm.smoothing_ticks - 1) / 2 * TICK_S + arm.servo_lag_s
     true_s = arm.delay_s + lag_s
     assert found.sum_s == pytest.approx(true_s, abs=SHARP_S)
     assert abs(found.sum_s - true_s) <= 2.0 * found.deviation_s

@@ -1,7 +1,6 @@
 """Access to the panel: doors, tokens, sessions, foreign pages, and the policy of the page."""
 
 import asyncio
-import http.client
 import json
 import re
 
@@ -10,25 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.datastructures import Headers
 from websockets.http11 import Request
-from websockets.sync.client import connect
-from websockets.typing import Origin
 
 from common.config.cell_helpers import PanelSection
-from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.errors import ConfigError, ForcemeshError
+from forcemesh.errors import ForcemeshError
 from services.panel.access import Door, door_of
-from services.panel.server import (
-    Gate,
-    PanelServer,
-    close_server,
-    listen,
-    open_server,
-    with_nonce_unpacked,
-)
+from services.panel.server import Gate, PanelServer, listen, open_server, with_nonce_unpacked
 from services.panel.sessions import SESSION_IDLE_S
 from tests.chaos.common_net import free_port
-from tests.fakes.bench import DEMO
 
 TOKEN, VIEW = "0123456789abcdef", "fedcba9876543210"
 HERE = "127.0.0.1:8080"
@@ -84,22 +72,6 @@ def test_a_door_that_other_machines_reach_needs_a_token(section, published, refu
         return
     status = answer_of(gate_of(door_of(made, environment))).status_code
     assert status == (401 if "token" in section else 200)
-
-
-@pytest.mark.parametrize("panel", [{"token": "short"}, {"token": VIEW, "view_token": VIEW}])
-def test_the_check_of_the_cell_file_reports_the_panels_refusals(panel):
-    """`config check` reports them before a start."""
-    with pytest.raises(ConfigError, match=r"can be guessed|could operate"):
-        load_cell(DEMO, {"panel": panel})
-
-
-def test_the_command_line_precedes_the_environment_and_both_the_cell_file():
-    """Each of the three sources may have the address and the token."""
-    section = PanelSection(host="127.0.0.1", port=8081, token="a" * 16)
-    found = door_of(section, {"FORCEMESH_PANEL_TOKEN": TOKEN}, host=WIDE, port=9000)
-    assert (found.host, found.port, found.token) == (WIDE, 9000, TOKEN)
-    found = door_of(section, {})
-    assert (found.host, found.port, found.token) == ("127.0.0.1", 8081, "a" * 16)
 
 
 @given(st.text(max_size=40))
@@ -204,32 +176,6 @@ def test_the_page_runs_its_own_scripts_and_calls_no_other_host():
 
 
 # --- viser ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.realtime
-def test_viser_is_behind_the_door():
-    """On real sockets foreign requests get neither page nor websocket, permitted ones get both."""
-    port = free_port()
-    door = Door("127.0.0.1", port)
-    gate = gate_of(door)
-    server = open_server(gate, door)
-    try:
-        for headers, expected in (({}, 200), ({"Origin": "http://other.example"}, 403)):
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
-            connection.request("GET", "/", headers=headers)
-            assert connection.getresponse().status == expected
-            connection.close()
-        url, ours = f"ws://127.0.0.1:{port}", Origin(f"http://127.0.0.1:{port}")
-        with pytest.raises(Exception, match="503"):
-            connect(url, origin=ours, proxy=None)
-        gate.ready = True
-        with pytest.raises(Exception, match="403"):
-            connect(url, origin=Origin("http://other.example"), proxy=None)
-        connect(url, origin=ours, proxy=None).close()
-        with pytest.raises(ForcemeshError, match="cannot listen"):
-            listen("127.0.0.1", port)
-    finally:
-        close_server(server)
 
 
 def test_a_viser_that_bypasses_the_door_or_starts_otherwise_is_refused(monkeypatch):

@@ -8,17 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jinja2 import UndefinedError
 
-from forcemesh.messages import RecorderStatus, Trip
-from services.panel.faultlog import Happened
-from services.panel.markup import filled_page, html, joined, paragraphs
-from services.panel.tabs.calibrate import notes_of
-from services.panel.tabs.faults import log_text, now_text
-from services.panel.tabs.force import now_text as force_text
-from services.panel.tabs.record import words
-from services.panel.wizard import Progress
-from tests.fakes.hostile_text import filled, harmless, hostile, snapshot
+from services.panel.markup import html, joined
 from tools.tree import production_files
 
 ROOT = Path(__file__).parents[4]
@@ -71,47 +62,46 @@ def test_any_text_is_shown_literally_and_is_never_an_element(text):
     assert html("{}|{}", None, "{0}{}") == "None|{0}{}"  # braces in a text are no fields
 
 
-def test_foreign_text_in_a_page_of_the_templates_is_text():
-    """A name is filled as a field of `html`; a missing or unknown one is an error."""
-    names = ["origin", "cards", "states", "stops", "forecasts", "requests"]
-    names += ["contacts", "plots", "scene", "topics"]
-    parts = dict.fromkeys(names, html("")) | {"title": "<b>{{ title }}</b>"}
-    found = Elements(filled_page("cli.report", "report.html", **parts))
-    assert "b" not in found.tags
-    assert found.text.count("<b>{{ title }}</b>") == 1 + 1
-    with pytest.raises(UndefinedError):
-        filled_page("cli.report", "report.html", title="")
-
-
-@pytest.mark.parametrize(
-    "shown",
-    [
-        lambda text: now_text(snapshot(text)),
-        lambda text: force_text(snapshot(text)),
-        lambda text: words(filled(RecorderStatus, text).replaced(recording=True)),
-        lambda text: notes_of(progress(text)),
-        lambda text: paragraphs(text("a"), text("b")),
-        lambda text: log_text((Happened("12:00:00", "FAULT", filled(Trip, text)),)),
-    ],
-    ids=["faults", "force", "record", "calibrate", "lines", "log"],
-)
-def test_no_text_of_a_message_changes_the_elements_of_a_tab(shown):
-    """Each form has the elements that it has with harmless text, and shows the whole text."""
-    plain, worst = Elements(shown(harmless)), Elements(shown(hostile))
-    assert worst.tags == plain.tags
-    assert len(worst.text) > len(plain.text)
-
-
-def progress(text):
-    """Return a calibration with this text in all fields."""
-    now = Progress()
-    now.update({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
-    now.update({"note": text("note")})
-    now.update({"error": text("error")})
-    return now
-
-
 # --- no other code makes HTML ---------------------------------------------------------------------
+
+
+def refused(node: ast.AST, name: str) -> str:
+    """Return the reason why a node may let foreign text into a page, empty when it does not."""
+    called = ""
+    if isinstance(node, ast.Call):
+        called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        template = node.args[0] if node.args else node
+        if called in CALLED_IN and name != CALLED_IN[called]:
+            return f"{called}: use Prose and services.panel.markup.html"
+        if called == "html" and isinstance(node.func, ast.Name):
+            text = ast.unparse(template)
+            is_literal = isinstance(template, ast.Constant) or text.isupper() or text == "row"
+            return "" if is_literal and not UNQUOTED.search(text) else "no literal, or no quotes"
+    targets = node.targets if isinstance(node, ast.Assign) and name != PROSE else []
+    if any(getattr(one, "attr", "") == "content" for one in targets):
+        return "only Prose sets what a form shows"
+    is_format = called == "format" and has_tag(getattr(node, "func", node))
+    is_percent = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod)
+    if is_format or (is_percent and has_tag(node)):
+        return "a template with tags is filled by services.panel.markup.html"
+    if isinstance(node, ast.JoinedStr) and has_tag(node):
+        parts = [one for one in node.values if isinstance(one, ast.FormattedValue)]
+        return next((f"{each} is not escaped" for part in parts if (each := raw(part, name))), "")
+    return ""
+
+
+def has_tag(node: ast.AST) -> bool:
+    """Return whether the literal text of a node has a tag."""
+    inside = (one.value for one in ast.walk(node) if isinstance(one, ast.Constant))
+    return bool(TAG.search("".join(str(each) for each in inside)))
+
+
+def raw(part: ast.FormattedValue, name: str) -> str:
+    """Return a part of an f-string that is neither escaped, a number nor listed."""
+    spec = ast.unparse(part.format_spec)[2:-1] if part.format_spec is not None else ""
+    source = ast.unparse(part.value)
+    is_safe = "escape(" in source or NUMBER.fullmatch(spec) or source in OURS.get(name, {})
+    return "" if is_safe else source
 
 
 def test_one_function_alone_makes_html_of_foreign_text():
@@ -124,56 +114,6 @@ def test_one_function_alone_makes_html_of_foreign_text():
         if (why := refused(node, name))
     ]
     assert not wrong, "\n".join(wrong)
-
-
-def refused(node: ast.AST, name: str) -> str:
-    """Return the reason why a node may let foreign text into a page, empty when it does not."""
-    if isinstance(node, ast.Call):
-        return refused_call(node, name)
-    targets = node.targets if isinstance(node, ast.Assign) and name != PROSE else []
-    if any(getattr(one, "attr", "") == "content" for one in targets):
-        return "only Prose sets what a form shows"
-    if isinstance(node, ast.JoinedStr):
-        return refused_text(node, name)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and has_tag(node.left):
-        return "a template with tags is filled by services.panel.markup.html"
-    return ""
-
-
-def refused_call(node: ast.Call, name: str) -> str:
-    """Check a call: only certain functions may add to a page."""
-    called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-    if called in CALLED_IN and name != CALLED_IN[called]:
-        return f"{called}: use Prose and services.panel.markup.html"
-    if called == "format" and has_tag(getattr(node.func, "value", node)):
-        return "a template with tags is filled by services.panel.markup.html"
-    if called != "html" or not isinstance(node.func, ast.Name):
-        return ""
-    template = ast.unparse(node.args[0])
-    if not isinstance(node.args[0], ast.Constant):
-        return "" if template.isupper() or template == "row" else "the template is no literal"
-    return "an attribute's value stands in quotes" if UNQUOTED.search(template) else ""
-
-
-def refused_text(node: ast.JoinedStr, name: str) -> str:
-    """Check an f-string with tags: each part is escaped, a number, or listed."""
-    constants = "".join(str(one.value) for one in node.values if isinstance(one, ast.Constant))
-    if not TAG.search(constants):
-        return ""
-    for part in node.values:
-        if not isinstance(part, ast.FormattedValue):
-            continue
-        spec = ast.unparse(part.format_spec)[2:-1] if part.format_spec is not None else ""
-        source = ast.unparse(part.value)
-        safe = source.startswith("escape(") or NUMBER.fullmatch(spec) or "escape(" in source
-        if not safe and source not in OURS.get(name, {}):
-            return f"{{{source}}} stands unescaped in an f-string with tags"
-    return ""
-
-
-def has_tag(node: ast.AST) -> bool:
-    """Return whether a literal has a tag."""
-    return isinstance(node, ast.Constant) and bool(TAG.search(str(node.value)))
 
 
 @pytest.mark.parametrize(

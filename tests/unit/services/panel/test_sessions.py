@@ -1,26 +1,12 @@
 """The sessions of a panel: random, bounded in number, and limited in time."""
 
-import math
-
 from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.clock import NS_PER_S
-from services.panel.sessions import BYTES, MOST_SESSIONS, SESSION_IDLE_S, SESSION_LASTS_S, Sessions
+from services.panel.sessions import MOST_SESSIONS, SESSION_IDLE_S, SESSION_LASTS_S, Sessions
 
 HOUR_NS = 3600 * NS_PER_S
-
-
-def test_a_number_opens_its_own_session_only():
-    """It is long, newly drawn each time, and stored as a hash only."""
-    sessions = Sessions()
-    numbers = [sessions.begin("operate", 0), sessions.begin("view", 0)]
-    assert [sessions.rights(number, 1) for number in numbers] == ["operate", "view"]
-    assert len({*numbers, sessions.begin("operate", 0)}) == 3
-    assert all(len(number) >= math.ceil(8 * BYTES / 6) for number in numbers)
-    assert not any(number.encode() in key for number in numbers for key in sessions._open)
-    for wrong in ("", numbers[0][:-1], numbers[0] + "A", numbers[0].swapcase(), "é"):
-        assert sessions.rights(wrong, 1) is None
 
 
 @given(st.lists(st.floats(0.0, 30 * 24.0), min_size=1, max_size=40))

@@ -1,23 +1,15 @@
 """Frames of a recording in protobuf, compared with Google's package."""
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from hypothesis import given
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from forcemesh.errors import DataError
 from services.recorder import frames
 from services.recorder.frames import frames_of
-from services.recorder.reading import RecordedFile
 from services.recorder.recording import FRAMES_TOPIC
 from tests.unit.services.recorder.test_recording import of_every_topic, recorded
-
-SIZES = (0, 1, 127, 128, 16_383, 16_384, 3_000_000)
 
 
 def message_type(schema: bytes) -> Any:
@@ -27,28 +19,6 @@ def message_type(schema: bytes) -> Any:
     pool = descriptor_pool.DescriptorPool()
     pool.Add(described.file[0])
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(frames.NAME))
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_bytes_of_any_size_are_a_protobuf_message(size: int) -> None:
-    """They are encoded as Google's package encodes them, and both decoders read them."""
-    packed = bytes(range(256)) * (size // 256) + b"x" * (size % 256)
-    theirs = message_type(frames.DESCRIPTOR)
-    assert theirs.FromString(frames.wrap(packed)).packed == packed
-    assert frames.unwrap(frames.wrap(packed)) == packed
-    if packed:  # protobuf omits empty fields
-        assert theirs(packed=packed).SerializeToString() == frames.wrap(packed)
-
-
-@given(st.binary(min_size=1, max_size=300), st.integers(1, 300), st.binary(max_size=40))
-def test_a_truncated_message_is_an_error(packed: bytes, cut: int, other: bytes) -> None:
-    """One longer than its stated length, too; other bytes raise ValueError and no other error."""
-    whole = frames.wrap(packed)
-    for wrong in (whole[: -min(cut, len(whole))], whole + b"x"):
-        with pytest.raises(ValueError, match="not a message of frames"):
-            frames.unwrap(wrong)
-    with suppress(ValueError):
-        assert len(frames.unwrap(other)) < len(other)
 
 
 def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
@@ -62,14 +32,3 @@ def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
             packed = message_type(schema.data).FromString(message.data).packed
             found += [frame.data for frame in frames_of(packed)]
     assert found == [frame.data for frame in sent]
-
-
-def test_frames_of_an_unknown_encoding_are_reported(tmp_path: Path, monkeypatch: Any) -> None:
-    """The error is one sentence with the file's name; the JSON channels can still be read."""
-    monkeypatch.setattr("services.recorder.recording.wrap", lambda packed: packed)
-    path = recorded(tmp_path, of_every_topic())
-    with pytest.raises(
-        DataError, match=r"file-01\.mcap: not a message of frames: written by another"
-    ):
-        list(RecordedFile(path).raw_messages())
-    assert list(RecordedFile(path).messages())

@@ -15,13 +15,13 @@ from common.config.cell import CellConfig
 from forcemesh.codec import Header, encode, pack
 from forcemesh.errors import DataError
 from forcemesh.topics import TOPICS, Topic
-from services.recorder.frames import Frame, frames_of, pack_frames
+from services.recorder.frames import Frame
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
 from services.recorder.stamps import WallClock
-from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 from tests.fakes.records import full, records
+from tests.unit.services.recorder.conftest import WALL_NS, cell_with
 
 CLOCK = "this clock"
 SECOND = 10**9
@@ -59,7 +59,7 @@ def of_every_topic(rounds: int = 3) -> list[Frame]:
         topic, at_ns = TOPICS[number % len(TOPICS)], SECOND + number * SECOND // 10
         message = topic.message.from_dict(full(topic.message))
         data = encode(header(1 + number // len(TOPICS), topic, at_ns), message)
-        frames.append(Frame(place(topic), at_ns, data))
+        frames.append(Frame(TOPICS.index(topic), at_ns, data))
     return frames
 
 
@@ -108,7 +108,7 @@ def test_undecodable_bytes_are_kept_exactly(tmp_path: Path) -> None:
     for topic in TOPICS:
         good = encode(header(1, topic, SECOND + len(frames)), topic.message())
         frames += [
-            Frame(place(topic), SECOND + len(frames) + number, data)
+            Frame(TOPICS.index(topic), SECOND + len(frames) + number, data)
             for number, data in enumerate((good, *UNDECODABLE.values()))
         ]
     recording = opened(tmp_path)
@@ -122,57 +122,6 @@ def test_undecodable_bytes_are_kept_exactly(tmp_path: Path) -> None:
     assert len(list(read.messages())) == len(TOPICS)
     counts = (recording.messages, recording.unshaped, recording.numbering.lost)
     assert counts == (len(frames), len(bad), 0)
-
-
-def test_an_undecodable_body_still_has_its_number_and_time(tmp_path: Path) -> None:
-    """Only the header can be decoded: nothing counts as lost, and its stamp is used."""
-    frames, stamps = [], []
-    for topic in TOPICS:
-        for number in (1, 2, 3):
-            head = header(number, topic, SECOND // number)
-            body = {"valid": "perhaps"} if number == 2 else topic.message().as_dict()
-            frames.append(Frame(place(topic), SECOND, pack(head.as_dict() | body)))
-            stamps.append(head.stamp_ns)
-    recording = opened(tmp_path)
-    recording.write(frames, SECOND)
-    recording.close()
-    times = {h.data: h.at_ns - WALL_NS for h in RecordedFile(recording.path).raw_messages()}
-    assert [times[frame.data] for frame in frames] == stamps
-    assert {message.fields["seq"] for message in RecordedFile(recording.path).messages()} == {1, 3}
-    assert (recording.unshaped, recording.numbering.lost) == (len(TOPICS), 0)
-
-
-@each_topic
-def test_the_schema_is_readable_by_simple_viewers(topic: Topic[Any]) -> None:
-    """There is one type for each field: no references, alternatives or null."""
-
-    def check(schema: dict[str, Any]) -> None:
-        assert not set(schema) & {"$ref", "$defs", "anyOf", "oneOf", "allOf", "prefixItems"}
-        assert schema["type"] in {"object", "array", "string", "number", "integer", "boolean"}
-        if schema["type"] == "object":
-            for inner in schema["properties"].values():
-                check(inner)
-        if schema["type"] == "array":
-            check(schema["items"])
-
-    check(schema_of(topic))
-    assert schema_of(topic)["type"] == "object"
-    Draft202012Validator.check_schema(schema_of(topic))
-
-
-@given(
-    st.lists(st.tuples(st.integers(0, 255), st.integers(0, 2**64 - 1), st.binary()), min_size=1),
-    st.integers(1, 12),
-)
-def test_frames_are_read_back_exactly_or_not_at_all(
-    parts: list[tuple[int, int, bytes]], cut: int
-) -> None:
-    """In their order; an end within a header or a message is an error, not a shorter message."""
-    frames = [Frame(*part) for part in parts]
-    packed = pack_frames(frames)
-    assert list(frames_of(packed)) == frames
-    with pytest.raises(ValueError, match="frames end"):
-        list(frames_of(packed[: -min(cut, len(pack_frames(frames[-1:])) - 1)]))
 
 
 def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
@@ -199,32 +148,6 @@ def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
     assert all(json.loads(message.data)["topic"] == f"demo/{c.topic}" for _, c, message in messages)
     assert about.metadata["wall_minus_monotonic_ns"] == str(WALL_NS)
     assert cell.name == "cell.yaml"
-
-
-def test_written_memory_is_split_into_chunks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A large amount at one time makes no oversized chunk; nothing is missing."""
-    monkeypatch.setattr("services.recorder.recording.CHUNK_B", 5_000)
-    frames = [frame._replace(at_ns=SECOND) for frame in of_every_topic(rounds=9)]
-    path = recorded(tmp_path, frames)
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert len(summary.chunk_indexes) > 5
-    assert max(chunk.uncompressed_size for chunk in summary.chunk_indexes) < 20_000
-    assert len(list(RecordedFile(path).raw_messages())) == len(frames)
-
-
-def test_the_mcap_package_jumps_to_a_time_in_it(tmp_path: Path) -> None:
-    """The chunk and message indexes select the messages of an interval."""
-    frames = of_every_topic()
-    begin, end = frames[10].at_ns + WALL_NS, frames[20].at_ns + WALL_NS
-    with recorded(tmp_path, frames).open("rb") as stream:
-        keys = [topic.key for topic in TOPICS]
-        found = make_reader(stream).iter_messages(keys, starting_at=begin, ending_before=end)
-        times = [message.log_time for *_, message in found]
-    assert times == [WALL_NS + frame.at_ns for frame in frames[10:20]]
 
 
 @given(finish=st.booleans(), cut=st.integers(0, 40_000), tail=st.binary(max_size=12))
@@ -273,10 +196,3 @@ def test_each_machines_clock_has_one_offset(first_ns: int, later_ns: int) -> Non
     assert first == WALL_NS + 1000
     assert later - first == later_ns
     assert wall.written_ns(CLOCK, 700, 1000) == WALL_NS + 700
-
-
-@given(st.integers(-(2**63), -(2**50)) | st.integers(2**50, 2**64 - 1))
-def test_an_absurd_stamp_is_replaced_by_the_time_of_arrival(stamp_ns: int) -> None:
-    """A stamp far from the present changes no other time in the file."""
-    wall = WallClock(CLOCK, WALL_NS)
-    assert wall.written_ns(CLOCK, stamp_ns, 1000) == WALL_NS + 1000

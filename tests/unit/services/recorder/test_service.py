@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus
 from services.recorder import recording
 from services.recorder.reading import RecordedFile
-from tests.fakes.recorder_bench import TRIP, RecorderBench
+from tests.unit.services.recorder.conftest import TRIP, RecorderBench
 
 STEP_S = 0.1
 
@@ -82,43 +82,15 @@ def test_a_repeated_request_is_refused(begin: Begin) -> None:
     assert bench.stop().accepted
 
 
-def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
-    """Cut by time, nothing is lost between two files, and each has its metadata."""
-    bench = begin(file_min=0.1)
-    bench.start()
-    bench.pass_s(20.0)
-    bench.stop()
-    files = bench.files()
-    assert len(files) == 4
-    assert [number for path in files for number in numbers(path)] == list(range(1, 201))
-    assert all(RecordedFile(path).cell is not None for path in files)
-
-
-def test_large_recordings_are_several_files(begin: Begin) -> None:
-    """They are cut by size."""
-    bench = begin(file_MB=1.0)
-    bench.start()
-    for step in range(60):
-        for number in range(200):
-            first = (step * 200 + number) * 100
-            text = "".join(chr(0x4E00 + at * 7919 % 20000) for at in range(first, first + 100))
-            bench.send(topics.WRENCH, WrenchAtTcp(reason=text))
-        bench.pass_s(STEP_S)
-    bench.stop()
-    assert len(bench.files()) > 1
-    assert all(path.stat().st_size < 2e6 for path in bench.files())
-
-
 def test_lost_messages_are_counted(begin: Begin) -> None:
     """Gaps in the writer's numbers count; a restarted writer has lost nothing."""
     bench = begin()
     bench.start()
     bench.pass_s(0.5)
-    bench._writers["wrench"].seq += 7
+    bench._publishers["wrench"].seq += 7
     bench.pass_s(0.5)
     assert bench.recorder.counters()["lost"] == 7
-    bench._writers.clear()
-    bench._writers["wrench"] = bench._bus("wrench").publisher(topics.WRENCH)
+    bench.replace_writer(topics.WRENCH)
     bench.pass_s(0.5)
     assert bench.status().lost == 7
 
@@ -149,7 +121,7 @@ def test_without_a_new_stop_or_without_memory_nothing_is_written(begin: Begin) -
     """A change into another state, a stop from before the start, and keep_min 0."""
     bench = begin()
     stopped = ArbiterStatus.from_dict({"state": "FAULT", "trips": (TRIP,)})
-    bench.send(topics.ARBITER_STATUS, stopped)
+    bench.put(topics.ARBITER_STATUS, stopped)
     bench.pass_s(1.0)
     for state in ("IDLE", "BOOT"):
         bench.trip(state)
@@ -158,18 +130,6 @@ def test_without_a_new_stop_or_without_memory_nothing_is_written(begin: Begin) -
     without.trip()
     assert bench.files() == []
     assert without.status().memory_s == 0.0
-
-
-def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
-    """There is one file, which continues until a stop."""
-    bench = begin(after_fault_s=1.0)
-    bench.start()
-    bench.trip()
-    bench.pass_s(3.0)
-    assert bench.status().recording
-    bench.stop()
-    (path,) = bench.files()
-    assert events(path) == ["force"]
 
 
 def test_a_stop_soon_after_another_one_has_its_own_file(begin: Begin) -> None:
@@ -185,30 +145,6 @@ def test_a_stop_soon_after_another_one_has_its_own_file(begin: Begin) -> None:
     assert events(causes["hold"]) == ["hold", "force"]
     assert events(causes["force"]) == ["force"]
     assert numbers(causes["force"])[0] == 1  # memory, from before both
-
-
-def test_the_same_stop_again_continues_in_its_file(begin: Begin) -> None:
-    """Two of a kind within the tail of the first are one file, with the full tail of the second."""
-    bench = begin(after_fault_s=3.0)
-    bench.trip()
-    bench.pass_s(2.0)
-    bench.trip()
-    bench.pass_s(2.0)
-    assert bench.status().recording
-    bench.pass_s(3.0)
-    (path,) = bench.files()
-    assert events(path) == ["force", "force"]
-
-
-def test_a_start_replaces_a_recording_of_a_fault(begin: Begin) -> None:
-    """A requested recording is a separate file and does not end by itself."""
-    bench = begin(after_fault_s=1.0)
-    bench.pass_s(1.0)
-    bench.trip()
-    assert bench.start().accepted
-    bench.pass_s(3.0)
-    assert (bench.status().recording, bench.status().cause) == (True, "asked")
-    assert len(bench.files()) == 2
 
 
 def test_memory_stays_within_its_time_and_size(begin: Begin) -> None:

@@ -6,11 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.load import load_cell
 from forcemesh.errors import DataError
-from services.sensor.netft_page import SettingsPage, disagreement, info_of, parse, scale_of
+from services.sensor.netft_page import SettingsPage, parse
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About, page
-from tests.fakes.netft_rig import REAL_CELL
 
 # The answer of an Axia80, reduced to the fields that the parser reads.
 PAGE = """<?xml version="1.0"?><netft><runstat>0x00000000</runstat><cfgcalsn>FT27462</cfgcalsn>
@@ -62,14 +60,6 @@ def test_an_invalid_page_is_reported(wrong: str, message: str) -> None:
         parse(wrong)
 
 
-@pytest.mark.parametrize("rating", ["330;330;990;30;30;1.2.3", ".", "1e999;1;1;1;1;1", "330,330"])
-def test_a_rating_that_is_no_number_is_not_known(rating: str) -> None:
-    """The rest of the page is read; an unreadable range is None."""
-    read = parse(PAGE.replace("330;330;990;30;30;30", rating))
-    assert (read.force_range_N, read.torque_range_Nm) == (None, None)
-    assert read.counts_per_N == 1e6
-
-
 FIELDS = ["330;330;990;30;30;30", "<cfgcpf>1000000", "<cfgcpt>1000000", ">N<", ">Nm<"]
 
 
@@ -82,19 +72,3 @@ def test_any_text_in_a_field_is_read_or_raises_data_error(value: str, data: st.D
         parse(PAGE.replace(old, f"{tag}{value}{'<' if old.endswith('<') else ''}"))
     with pytest.raises(DataError):
         parse(value)
-
-
-def test_a_unit_is_read_from_its_text_or_its_code() -> None:
-    """Digits of other alphabets are no code."""
-    with pytest.raises(DataError, match="cfgtu is '²'"):
-        parse(PAGE.replace("<scfgtu>Nm</scfgtu>", "<cfgtu>²</cfgtu>"))
-
-
-def test_the_cell_file_selects_the_source_of_the_counts() -> None:
-    """`page` takes the page's, `cell` the cell file's; the range is always the cell file's."""
-    sensor = load_cell(REAL_CELL, {"sensor.calibration": "page", "sensor.counts_per_N": 5.0}).sensor
-    assert scale_of(sensor).counts_per_N == 5.0
-    scale = scale_of(sensor, parse(PAGE))
-    assert (scale.counts_per_N, scale.force_range_N) == (1e6, sensor.force_range_N)
-    assert not disagreement(sensor, parse(PAGE)).code
-    assert "serial FT27462" in str(info_of(sensor, parse(PAGE)))

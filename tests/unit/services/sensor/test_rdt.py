@@ -1,8 +1,6 @@
 """RDT without a socket: bytes, counts, and the sequence of a stream."""
 
-import math
 import random
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -10,10 +8,7 @@ from hypothesis import strategies as st
 
 from common.config.cell_sensor import SensorSection
 from common.config.cell_terms import FrameSection
-from services.sensor.driver import NO_FAULT
 from services.sensor.rdt import (
-    FROZEN_AFTER_NS,
-    FROZEN_RECORDS,
     JUMP,
     LATE_WINDOW,
     RECORD,
@@ -38,7 +33,6 @@ SCALE = SensorSection(
 PERIOD_NS = 2_000_000
 
 uint32 = st.integers(0, SEQUENCES - 1)
-int32 = st.integers(-(2**31), 2**31 - 1)
 
 
 def record(
@@ -79,33 +73,6 @@ def test_datagram_of_another_size_is_no_record(data: bytes) -> None:
 # --- content of a record --------------------------------------------------------------------------
 
 
-@given(
-    st.tuples(*[st.integers(-1_899_999, 1_899_999)] * 3),
-    st.tuples(*[st.integers(-759_999, 759_999)] * 3),
-)
-def test_counts_become_newtons_and_newton_metres(
-    force: tuple[int, ...], torque: tuple[int, ...]
-) -> None:
-    """SI = counts / (counts per unit), each axis on its own, sign kept, up to 95 % of its range."""
-    sample = sample_of(RdtRecord(1, 1, 0, force + torque), SCALE)
-    assert (sample.status, sample.reason) == ("ok", "")
-    assert sample.force_N == pytest.approx([count / 1e4 for count in force])
-    assert sample.torque_Nm == pytest.approx([count / 1e5 for count in torque])
-
-
-@pytest.mark.parametrize("axis", range(6))
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sign: int) -> None:
-    """The numbers are kept; the reason names axis and range."""
-    at = [0] * 6
-    at[axis] = sign * (1_900_000 if axis < 3 else 760_000)
-    saturated = sample_of(RdtRecord(1, 1, 0, tuple(at)), SCALE)
-    assert saturated.status == "saturated"
-    assert ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")[axis] in saturated.reason
-    assert ("200 N" if axis < 3 else "8 N m") in saturated.reason
-    assert (saturated.force_N + saturated.torque_Nm)[axis] == sign * (190.0 if axis < 3 else 7.6)
-
-
 NEAR_HARMLESS = [0x8000_0000, 0x0001_0001, 0x8001_0001, 0x8003_0000, 1, *MONITOR_CONDITIONS, 0]
 
 
@@ -124,19 +91,6 @@ def test_every_status_but_three_is_a_fault_without_numbers(status: int) -> None:
 
 
 # --- sequences ------------------------------------------------------------------------------------
-
-
-@given(uint32, st.lists(st.just(1) | st.integers(1, JUMP - 1), max_size=40))
-def test_a_stream_in_order_is_all_samples_and_its_gaps_are_counted(
-    start: int, steps: list[int]
-) -> None:
-    """The number of lost records is exact, the newest's number includes it, numbers may wrap."""
-    places = [sum(steps[:end]) for end in range(len(steps) + 1)]
-    stream, kinds = follow_all([record(start + place) for place in places])
-    assert set(kinds) == {"sample"}
-    assert stream.number == 1 + sum(steps)
-    lost = sum(step - 1 for step in steps)
-    assert stream.tally == replace(RdtStream().tally, records=len(places), lost=lost)
 
 
 @given(uint32, st.integers(0, 2**32))
@@ -174,34 +128,3 @@ def test_a_far_step_or_a_later_sample_is_a_restart_and_no_loss(records: list[Rdt
     stream, kinds = follow_all(records)
     assert kinds == ["sample", "sample"]
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
-
-
-def test_requested_stream_may_begin_anywhere() -> None:
-    """A new stream begins at 1 again; that is no loss, no restart and no copy."""
-    stream, _ = follow_all([record(place) for place in range(5, 10)])
-    stream, kinds = follow_all([record(1), record(2)], replace(stream, newest=None))
-    assert kinds == ["sample", "sample"]
-    assert stream.number == 7
-    assert stream.tally == replace(RdtStream().tally, records=7)
-
-
-@pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
-def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
-    """Six equal counts for the minimum time and number are frozen; one other count ends it."""
-    stream, faults = RdtStream(), []
-    for number in range(count):
-        stream.follow(record(number, counts=(5,) * 6), number * period_ns)
-        faults.append(stream.frozen_fault(number * period_ns).code)
-    since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
-    assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
-    stream.follow(record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
-    assert stream.frozen_fault(count * period_ns) == NO_FAULT
-
-
-def test_repeats_of_one_sample_are_a_stall_and_not_frozen() -> None:
-    """They are counted and give no sample: a stall has another cause than a frozen reading."""
-    repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
-    stream, kinds = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
-    assert kinds == ["sample", *["repeated"] * 99, "sample"]
-    assert stream.tally.repeated == 99
-    assert stream.frozen_fault(101 * PERIOD_NS) == NO_FAULT

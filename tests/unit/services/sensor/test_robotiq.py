@@ -1,11 +1,8 @@
-"""The Robotiq FT 300: bytes and frames, and the driver over a pseudo-terminal."""
+"""The Robotiq FT 300: bytes and frames, and the driver on a line in memory."""
 
-import os
-import pty
 import random
 import struct
 import sys
-import time
 from typing import Any
 
 import pytest
@@ -64,16 +61,6 @@ def test_frames_are_found_however_the_bytes_are_cut(sent: list[Any], seed: int) 
     assert [read.force_N for read in found] == [pytest.approx(each[0]) for each in sent]
     assert [read.torque_Nm for read in found] == [pytest.approx(each[1]) for each in sent]
     assert sum(read.skipped for read in found) == 0
-
-
-@given(readings, st.binary(max_size=60))
-def test_no_byte_is_forgotten(reading: Any, rubbish: bytes) -> None:
-    """Every received byte belongs to a frame, is counted as skipped, or is still pending."""
-    framer = Framer()
-    found = framer.feed(rubbish + frame(*reading) + HEAD)
-    taken = sum(FRAME_BYTES + read.skipped for read in found)
-    waiting = len(framer._rest)
-    assert taken + framer.skipped + waiting == len(rubbish) + FRAME_BYTES + len(HEAD)
 
 
 @given(readings, st.integers(2, 15), st.integers(1, 255))
@@ -153,18 +140,6 @@ def test_the_stream_is_requested_and_its_frames_are_samples() -> None:
     assert bench.line.written.endswith(b"\xff" * 50)
 
 
-def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
-    """Bytes that form no frame count as one lost frame; 10 % of lost frames are a fault."""
-    bench = RobotiqBench()
-    bench.read(GOOD)
-    (sample,) = bench.read(GOOD[:10] + GOOD)
-    assert (sample.counter, sample.status) == (3, "ok")
-    codes = [bench.read(GOOD[:9] + GOOD)[0].code for _ in range(60)]
-    assert codes[0] == ""
-    assert codes[-1] == "sensor_lossy"
-    assert bench.driver.counters()["lost"] == 61
-
-
 def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:
     """Each case has its own code; the line is reopened until it works."""
     bench = RobotiqBench()
@@ -180,37 +155,7 @@ def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:
     assert [sample.status for sample in bench.read(GOOD)] == ["ok"]
 
 
-def test_readings_that_waited_too_long_are_dropped() -> None:
-    """After a stall of this process the age of pending readings is unknown."""
-    bench = RobotiqBench()
-    bench.read(GOOD)
-    assert bench.read(GOOD * 5, after_ns=NS_PER_S // 10) == []
-    assert bench.driver.counters()["late"] == 5
-    assert bench.driver.silence_fault().code == "overrun"
-    assert len(bench.read(GOOD)) == 1
-
-
 # --- the driver, on a real line -------------------------------------------------------------------
-
-
-@pytest.mark.realtime
-def test_pyserial_carries_request_and_stream() -> None:
-    """The line changes no byte, also not 0x0D, 0x11 and 0xFF."""
-    sensor_end, driver_end = pty.openpty()
-    driver = robotiq_driver(section(device=os.ttyname(driver_end)), stale_after_s=10.0)
-    driver.read(time.monotonic_ns())
-    assert os.read(sensor_end, 100) == start()
-    sent = frame((0.13, -0.01, 2.56), (0.017, -0.001, 3.34))
-    os.write(sensor_end, sent * 3)
-    samples: list[SensorSample] = []
-    deadline_s = time.monotonic() + 10.0
-    while len(samples) < 3 and time.monotonic() < deadline_s:
-        samples += driver.read(time.monotonic_ns())
-    assert [sample.force_N for sample in samples] == [pytest.approx((0.13, -0.01, 2.56))] * 3
-    driver.close()
-    assert os.read(sensor_end, 100) == b"\xff" * 50
-    os.close(sensor_end)
-    os.close(driver_end)
 
 
 def test_a_missing_line_or_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,5 @@
 """The sensor service: which samples it publishes, with which faults, and of which sensor."""
 
-import random
 from itertools import pairwise
 from math import inf, nan
 
@@ -8,11 +7,9 @@ import pytest
 
 from common.config.load import load_cell
 from common.runtime.service import refuse_other_implementation
-from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import ZERO3
 from services.sensor.driver import SensorSample
-from services.sensor.service import Decimation
 from tests.fakes.bench import DEMO
 from tests.fakes.netft_rig import FITTING, PERIOD_S, RATE_HZ, REAL_CELL, NetftRig
 from tools.tree import ROOT
@@ -20,27 +17,6 @@ from tools.tree import ROOT
 FROM_PAGE = {"sensor.calibration": "page"}
 
 # --- decimation -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("ratio", [0.1, 1.0, 2.0, 2.5, 4.0, 7.0, 14.0])
-@pytest.mark.parametrize("loss", [0.0, 0.1])
-def test_a_faster_sensor_is_decimated_by_the_nearest_divisor(ratio: float, loss: float) -> None:
-    """Up to twice the rate all is kept; the next sample replaces a lost one; a gap changes none."""
-    rng = random.Random(1)
-    rate_hz, kept, state = 500.0 * ratio, 0, Decimation(500.0)
-    count = round(3 * rate_hz)
-    for number in range(count):
-        if rng.random() >= loss:
-            is_kept = state.keeps(number, round(number * NS_PER_S / rate_hz))
-            kept += is_kept and number >= rate_hz
-    divisor = 1 if ratio <= 2.0 else round(ratio)
-    assert state.keep_every == divisor
-    lost_share = loss if divisor == 1 else 0.6 * loss
-    assert (1.0 - 1.3 * lost_share) * 2 * rate_hz <= kept * divisor <= 2 * rate_hz + 2 * divisor
-    state.pause()
-    for number in range(count, count + 10):
-        state.keeps(number, 10 * NS_PER_S + round(number * NS_PER_S / rate_hz))
-        assert state.keep_every == divisor
 
 
 def test_the_service_decimates_and_reports_a_bad_sample_between_two_good_ones() -> None:

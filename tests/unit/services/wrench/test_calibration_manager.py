@@ -1,6 +1,5 @@
 """A new calibration in a running cell: accepted at rest and without contact, else refused."""
 
-import json
 from typing import Any
 
 import numpy as np
@@ -69,12 +68,6 @@ def test_the_calibration_replaces_the_cell_files_payload() -> None:
     turned = TRUE_PAYLOAD.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, 0.1)})
     message = WrenchBench(with_calibration(demo_calibration(payload=turned))).settle()
     assert message.mounting_rotation_rad == (0.0, 0.0, 0.1)
-
-
-def test_without_a_calibration_the_cell_file_is_its_name() -> None:
-    """A payload written by hand counts as a calibration."""
-    message = WrenchBench().settle()
-    assert (message.calibration, message.calibrated) == ("cell file", True)
 
 
 def test_without_a_calibration_file_force_control_is_refused() -> None:
@@ -173,52 +166,23 @@ def test_the_residual_torque_is_that_about_the_tcp(bench: WrenchBench) -> None:
     assert "residual 1.00 N and 0.000 N m" in reply.text
 
 
-def test_a_calibration_with_a_residual_force_is_refused_with_its_value(bench: WrenchBench) -> None:
+@pytest.mark.parametrize(
+    ("bias", "limit"),
+    [
+        ({"bias_force_N": (*BIAS_N[:2], BIAS_N[2] + 4.9)}, IDEAL.force.idle_max_N),
+        ({"bias_torque_Nm": (*BIAS_NM[:2], BIAS_NM[2] + 4.9)}, IDEAL.force.idle_max_Nm),
+    ],
+)
+def test_a_calibration_with_a_residual_wrench_is_refused_with_its_value(
+    bench: WrenchBench, bias: dict[str, Any], limit: float
+) -> None:
     """The tool is in contact, or it is another tool; the calibration in use stays."""
-    lighter = TRUE_PAYLOAD.model_copy(update={"mass_kg": TRUE_PAYLOAD.mass_kg - 0.5})
-    reply = send_calibration(bench, demo_calibration(payload=lighter))
-    assert (reply.accepted, reply.code) == (False, "contact")
-    assert (reply.value, reply.limit) == (pytest.approx(4.905, abs=0.01), IDEAL.force.idle_max_N)
+    found = demo_calibration(payload=TRUE_PAYLOAD.model_copy(update=bias))
+    reply = send_calibration(bench, found)
+    assert (reply.accepted, reply.code, reply.limit) == (False, "contact", limit)
+    assert reply.value == pytest.approx(4.9, abs=1e-6)
     bench.settle()
     assert bench.published().calibration == "cell file"
-
-
-def test_a_calibration_with_a_residual_torque_is_refused_with_its_value(bench: WrenchBench) -> None:
-    """The torque is checked about the TCP, as in the preflight, also when the force is right."""
-    bias_Nm = tuple((BIAS_NM + np.array([0.0, 0.0, 0.5])).tolist())
-    reply = send_calibration(
-        bench, demo_calibration(payload=TRUE_PAYLOAD.model_copy(update={"bias_torque_Nm": bias_Nm}))
-    )
-    assert (reply.accepted, reply.code) == (False, "contact")
-    assert (reply.value, reply.limit) == (pytest.approx(0.5, abs=1e-6), IDEAL.force.idle_max_Nm)
-    assert "0.50 N m" in reply.text
-    bench.settle()
-    assert bench.published().calibration == "cell file"
-
-
-@pytest.mark.parametrize("turn_rad", [(0.0, 0.0, np.pi), (0.15, 0.15, 0.0)])
-def test_a_large_mounting_rotation_is_refused_with_the_reason(
-    bench: WrenchBench, turn_rad: tuple[float, float, float]
-) -> None:
-    """The cell file states the rotation of a sensor; a fit must not hide it."""
-    text = demo_calibration().model_dump_json()
-    turned = json.loads(text) | {"revision": ""}
-    turned["payload"]["mounting_rotation_rad"] = turn_rad
-    request = CalibrationRequest(calibration_json=json.dumps(turned))
-    reply = bench.ask(topics.CALIBRATE, request)
-    assert (reply.accepted, reply.code) == (False, "malformed")
-    assert "T_flange_sensor" in reply.text
-    assert "the limit is 0.2 rad" in reply.text
-
-
-@pytest.mark.parametrize(("changes", "reason"), OTHERS)
-def test_a_calibration_of_another_setup_is_refused(
-    bench: WrenchBench, changes: dict[str, Any], reason: str
-) -> None:
-    """The refusal names the difference."""
-    reply = send_calibration(bench, demo_calibration(**changes))
-    assert (reply.accepted, reply.code) == (False, "payload")
-    assert reason in reply.text
 
 
 def test_tare_and_calibration_are_refused_while_force_feedback_runs(bench: WrenchBench) -> None:
@@ -239,7 +203,7 @@ def test_tare_and_calibration_are_refused_while_force_feedback_runs(bench: Wrenc
 
 
 def test_a_calibration_is_refused_in_motion_and_without_inputs(bench: WrenchBench) -> None:
-    """The same holds for a tare."""
+    """So is one of another setup, whatever the inputs are."""
     bench.status = RobotStatus(moving=True)
     bench.step()
     assert send_calibration(bench, demo_calibration()).code == "moving"
@@ -248,17 +212,7 @@ def test_a_calibration_is_refused_in_motion_and_without_inputs(bench: WrenchBenc
     bench.pass_s(1.0)
     assert send_calibration(bench, demo_calibration()).code == "stale"
     assert send_calibration(WrenchBench(), demo_calibration()).code == "wait"
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [("", "calibration"), ("[]", "calibration"), ("{}", "cell"), ('{"cell": 1}', "cell")],
-)
-def test_an_invalid_calibration_is_refused(bench: WrenchBench, text: str, reason: str) -> None:
-    """The refusal names the wrong field."""
-    reply = bench.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
-    assert (reply.accepted, reply.code) == (False, "malformed")
-    assert reason in reply.text
+    assert send_calibration(WrenchBench(), demo_calibration(payload=HEAVY)).code == "payload"
 
 
 def test_the_filters_delay_is_reported(bench: WrenchBench) -> None:
@@ -290,12 +244,3 @@ def test_axes_are_verified_for_the_calibration_in_use_only(bench: WrenchBench) -
     assert send_calibration(bench, demo_calibration()).accepted
     bench.pass_s(0.1)
     assert not bench.published().axes_checked
-
-
-def test_a_number_beyond_any_calibration_is_refused_with_its_field(bench: WrenchBench) -> None:
-    """It is finite but beyond the range of the tested arithmetic; the limit itself passes."""
-    beyond, largest = (residuals(1e6 * factor) for factor in (1.0 + 1e-9, 1.0))
-    reply = send_calibration(bench, demo_calibration(fit=beyond))
-    assert not reply.accepted
-    assert "fit.force_max_N: must be at most 1e+06 N" in reply.text
-    assert send_calibration(bench, demo_calibration(fit=largest)).code != reply.code

@@ -1,5 +1,7 @@
 """Tare by request: conditions and refusals."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,8 +16,6 @@ from forcemesh.requests import Empty
 from services.wrench.calibration_manager import tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
-
-PAYLOAD_KG = 1.0
 
 
 def test_tare_at_rest_makes_the_reading_zero_and_reports_it(bench: WrenchBench) -> None:
@@ -92,26 +92,6 @@ def test_tare_needs_poses_for_all_its_samples(bench: WrenchBench) -> None:
     assert bench.ask(topics.TARE, Empty()).accepted
 
 
-@pytest.mark.parametrize("share", [1 - 1 / 4.448, 1 - 1 / 9.807, 1.0, 2.0**0.5, 2.0])
-def test_a_tare_must_not_remove_the_weight_of_the_tool(share: float) -> None:
-    """H30, H31: pounds, kgf, a dead axis, a swapped axis, a wrong sign; less of it is drift."""
-    light = PAYLOAD_KG * 0.4  # so that the cell's own limit is not reached first
-    payload = Payload(
-        mass_kg=light,
-        com_m=(0.0, 0.0, 0.05),
-        bias_force_N=(0.0, 0.0, 0.0),
-        bias_torque_Nm=(0.0, 0.0, 0.0),
-    )
-    weight_N = light * GRAVITY_M_S2
-    off_N = np.array([0.0, 0.0, -weight_N * (1.0 - share), 0.0, 0.0, 0.0])
-    kept, reply = tare(payload, [off_N], np.eye(3), most_N=1000.0, most_Nm=1000.0)
-    assert (reply.accepted, reply.code) == (False, "payload")
-    assert kept == payload
-    drift = np.array([0.0, 0.5 * weight_N, -weight_N, 0.0, 0.0, 0.0])
-    _, reply = tare(payload, [drift], np.eye(3), most_N=1000.0, most_Nm=1000.0)
-    assert reply.accepted
-
-
 def tool_of(weight_N: float) -> Payload:
     """Return a tool of this weight below the sensor's origin, without bias."""
     none = (0.0, 0.0, 0.0)
@@ -128,17 +108,44 @@ def reading(weight_N: float, *, force_N: float = 0.0, torque_Nm: float = 0.0) ->
     return np.array([force_N, 0.0, -weight_N, torque_Nm, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("force_N", "torque_Nm", "code"),
-    [(3.0, 0.25, "ok"), (3.0 + 1e-9, 0.0, "contact"), (0.0, 0.25 + 1e-9, "contact")],
+@given(
+    st.tuples(*[st.floats(-1.8, 1.8)] * 3),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    st.tuples(*[st.floats(-0.3, 0.3)] * 3),
 )
-def test_a_change_as_large_as_the_limit_is_accepted(
-    force_N: float, torque_Nm: float, code: str
-) -> None:
-    """The limit itself is allowed, for force and for torque."""
-    sample = reading(1.0, force_N=force_N, torque_Nm=torque_Nm)
-    _, reply = tare(tool_of(1.0), [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
-    assert reply.code == code
+def test_after_a_tare_the_reading_is_zero_in_every_orientation(turn, drift_N, drift_Nm) -> None:
+    """Only the bias changes, in units of the reading, also with gains and a bias before."""
+    R = rotation_from_vector(np.array(turn))
+    tool = tool_of(12.0).model_copy(
+        update={
+            "bias_force_N": (0.3, -0.2, 0.1),
+            "bias_torque_Nm": (0.02, 0.01, -0.03),
+            "force_gain": (1.1, 0.9, 1.05),
+            "torque_gain": (0.95, 1.1, 0.9),
+        }
+    )
+    drift = np.concatenate((drift_N, drift_Nm)) * (tool.force_gain + tool.torque_gain)
+    still = np.concatenate(predict(tool, R)) + drift
+    tared, reply = tare(tool, [still - 1.0, still, still + 1.0], R, most_N=10.0, most_Nm=1.0)
+    assert reply.accepted
+    assert reply.value == pytest.approx(np.linalg.norm(drift_N), abs=1e-9)
+    elsewhere = np.concatenate(predict(tool, np.eye(3))) + drift
+    left = residual(tared, np.eye(3), force_N=elsewhere[:3], torque_Nm=elsewhere[3:])
+    assert np.abs(left).max() <= 1e-12
+    kept = {"bias_force_N": tared.bias_force_N, "bias_torque_Nm": tared.bias_torque_Nm}
+    assert tared == tool.model_copy(update=kept)
+
+
+@pytest.mark.parametrize(("place", "limit"), [(0, 3.0), (3, 0.25)])
+def test_a_tare_is_refused_exactly_above_its_limits(place: int, limit: float) -> None:
+    """The limit itself is drift; one bit above it is contact, with value and limit."""
+    tool = tool_of(0.0)
+    for value, accepted in ((limit, True), (math.nextafter(limit, math.inf), False)):
+        sample = value * np.eye(6)[place]
+        tared, reply = tare(tool, [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
+        assert reply.accepted is accepted
+        assert (tared is tool) is not accepted
+    assert (reply.code, reply.value, reply.limit) == ("contact", value, limit)
 
 
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
@@ -211,20 +218,3 @@ def test_above_two_newtons_a_tare_may_remove_three_fifths_of_the_weight(
     assert reply.code == code
     if code == "payload":
         assert reply.limit == pytest.approx(0.6 * weight_N)
-
-
-def test_after_a_tare_the_reading_is_zero() -> None:
-    """This holds also with a gain on each axis and with a bias before."""
-    tool = tool_of(1.0).model_copy(
-        update={
-            "bias_force_N": (0.3, -0.2, 0.1),
-            "bias_torque_Nm": (0.02, 0.01, -0.03),
-            "force_gain": (1.1, 0.9, 1.05),
-            "torque_gain": (0.95, 1.1, 0.9),
-        }
-    )
-    sample = np.array([0.8, 0.4, -1.3, 0.05, -0.02, 0.04])
-    tared, reply = tare(tool, [sample], np.eye(3), most_N=5.0, most_Nm=1.0)
-    assert reply.accepted
-    residual_N, residual_Nm = residual(tared, np.eye(3), force_N=sample[:3], torque_Nm=sample[3:])
-    assert np.abs([residual_N, residual_Nm]).max() <= 1e-12

@@ -3,34 +3,18 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.load import load_cell
-from common.config.payload import Payload
-from common.motion.convert import vec3
-from common.motion.weight import predict
 from forcemesh import topics
-from forcemesh.errors import ConfigError
 from forcemesh.requests import MoveRequest
-from services.wrench.compensation import (
-    AccelerationEstimator,
-    Compensation,
-    ReportedPosition,
-    Wrench,
-)
+from services.wrench.compensation import AccelerationEstimator, ReportedPosition
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 from tests.unit.common.config.test_load import DEMO
 
-PAYLOAD = Payload(
-    mass_kg=1.2,
-    com_m=(0.01, 0.02, 0.05),
-    bias_force_N=(0.0, 0.0, 0.0),
-    bias_torque_Nm=(0.0, 0.0, 0.0),
-)
 PERIOD_NS = round(1e9 / CELL.rates.robot_hz)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
@@ -79,28 +63,6 @@ def test_poses_with_constant_stamps_give_no_acceleration() -> None:
     assert estimate_of([reading(np.zeros(3), k, at_s=1.0) for k in range(20)]) == pytest.approx(0.0)
 
 
-def test_the_centre_of_mass_is_in_the_axes_of_the_true_sensor() -> None:
-    """Mounting correction first, then the pose of the sensor on the flange."""
-    payload = PAYLOAD.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, np.pi / 2)})
-    T_flange_sensor = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.0, 0.1]))
-    compensation = Compensation(payload, T_flange_sensor, pin.SE3.Identity())
-    assert compensation.p_flange_com_in_flange == pytest.approx(np.array([-0.02, -0.05, 0.11]))
-
-
-@given(vectors, st.floats(-3.0, 3.0))
-def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> None:
-    """Force and torque of m (g - a) of a perfect sensor leave zero."""
-    R = pin.utils.rotate("x", angle)
-    force, torque = predict(PAYLOAD, R)
-    carried_N = -PAYLOAD.mass_kg * R.T @ a
-    sensed = Wrench(vec3(force + carried_N), vec3(torque + np.cross(PAYLOAD.com_m, carried_N)))
-    T_flange_tcp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.14]))
-    compensation = Compensation(PAYLOAD, pin.SE3.Identity(), T_flange_tcp)
-    residual = compensation.at_tcp(sensed, pin.SE3(R, np.zeros(3)), vec3(a))
-    assert residual.force_N == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert residual.torque_Nm == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-
-
 def residual_rms_N(*, inertial: bool) -> float:
     """Return the rms residual force [N] while the simulated arm swings its tool."""
     changes = {
@@ -128,9 +90,3 @@ def test_a_swung_tool_weighs_no_more_than_at_rest() -> None:
     without, with_it = residual_rms_N(inertial=False), residual_rms_N(inertial=True)
     assert without > 0.5
     assert with_it < 0.2 * without
-
-
-def test_a_slow_robot_is_reported_as_too_slow() -> None:
-    """Its poses do not resolve accelerations."""
-    with pytest.raises(ConfigError, match=r"rates\.robot_hz must be at least 100"):
-        load_cell(DEMO, {"filter.inertial": True, "rates.robot_hz": 40})

@@ -14,28 +14,12 @@ from hypothesis.extra import numpy as hnp
 from common.config.load import cell_from_tree
 from forcemesh.errors import ConfigError
 from forcemesh.faults import FAULTS
-from services.wrench.plausibility import (
-    NO_FAULT,
-    WILD_APART,
-    ReadingCheck,
-    ReadingLimits,
-)
+from services.wrench.plausibility import NO_FAULT, ReadingCheck, ReadingLimits
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import SENSOR_S
 
 BOUNDS = ReadingLimits.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
-LARGEST = [
-    step + per_s * SENSOR_S for step, per_s in zip(BOUNDS.step, BOUNDS.step_per_s, strict=True)
-]
-FREEZE_AT_MOST_S = 0.1
-
-
-def noise(rng: np.random.Generator) -> np.ndarray:
-    """Return the noise of one sample of the simulated sensor."""
-    assert CELL.sim is not None
-    sigma = np.repeat([CELL.sim.noise_force_N, CELL.sim.noise_torque_Nm], 3)
-    return sigma * rng.standard_normal(6)
 
 
 def codes(readings: list[np.ndarray], bounds: ReadingLimits = BOUNDS) -> list[str]:
@@ -62,40 +46,20 @@ def test_a_number_that_is_not_finite_is_reported_with_its_axis(axis: int, value:
 
 @given(st.integers(0, 5), st.sampled_from([-1.0, 1.0]), st.floats(0.0, 1e300))
 def test_a_reading_at_95_percent_of_the_range_does_not_count(axis, sign, beyond) -> None:
-    """H27: any axis alone, either sign; just below the limit it counts."""
-    for share, code in ((0.95 + beyond, "sensor_saturated"), (0.949, "")):
+    """H27: any axis alone, either sign; the number just below the limit counts."""
+    for share, code in ((0.95 + beyond, "sensor_saturated"), (np.nextafter(0.95, 0.0), "")):
         reading = REST.copy()
         reading[axis] = sign * share * BOUNDS.range[axis]
         assert codes([reading]) == [code]
 
 
-@given(hnp.arrays(float, 6, elements=st.floats(-5.0, 5.0)), st.integers(2, 40))
-def test_a_constant_reading_is_frozen_in_time(reading, lively) -> None:
-    """H26: within 100 ms of the last change; a change of one number ends it."""
-    rng = np.random.default_rng(lively)
-    alive = [reading + noise(rng) for _ in range(lively)]
-    frozen_for = round(FREEZE_AT_MOST_S / SENSOR_S)
-    found = codes([*alive, *([alive[-1]] * frozen_for)])
-    assert set(found[:lively]) == {""}
-    assert found[-1] == "sensor_frozen"
-    assert found.index("sensor_frozen") > lively + 0.5 * CELL.sensor.frozen_s / SENSOR_S
-    assert codes([*alive, *([alive[-1]] * frozen_for), alive[-1] + 1e-9])[-1] == ""
-
-
-def test_a_quantised_sensor_at_rest_is_not_frozen() -> None:
-    """Ten minutes of the simulated sensor, and of one whose quanta are as large as its noise."""
-    rng = np.random.default_rng(1)
-    quanta = np.repeat([0.1, 0.005], 3)
-    longest = repeats = 0
-    before = np.zeros(6)
-    for row in rng.standard_normal((300_000, 6)):
-        now = np.round(row)  # noise of one quantum
-        repeats = repeats + 1 if (now == before).all() else 0
-        longest, before = max(longest, repeats), now
-    assert longest * SENSOR_S < 0.5 * CELL.sensor.frozen_s
-    assert set(
-        codes([REST + quanta * np.round(row) for row in rng.standard_normal((2000, 6))])
-    ) == {""}
+@given(hnp.arrays(float, 6, elements=st.floats(-5.0, 5.0)), st.integers(0, 5))
+def test_a_constant_reading_is_frozen_in_time(reading, axis) -> None:
+    """H26: 80 ms after the last change, within 100 ms; a change of one number ends it."""
+    changed = reading + 1e-6 * np.eye(6)[axis]
+    frozen_for = round(CELL.sensor.frozen_s / SENSOR_S) + 1
+    found = codes([changed, *[reading] * (frozen_for + 1), changed])
+    assert found == [""] * frozen_for + ["sensor_frozen"] * 2 + [""]
 
 
 def test_a_sensor_without_noise_is_configured_in_the_cell_file() -> None:
@@ -109,34 +73,6 @@ def test_a_sensor_without_noise_is_configured_in_the_cell_file() -> None:
         cell_from_tree(tree, "a cell")
     tree["sensor"]["frozen_s"] = 0.0
     assert cell_from_tree(tree, "a cell").sensor.frozen_s == 0.0
-
-
-@given(hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)), st.booleans())
-def test_a_step_larger_than_any_contact_is_a_fault_within_two_samples(direction, torque) -> None:
-    """This holds in any direction; a smaller step is an impact and counts."""
-    length = float(np.linalg.norm(direction))
-    if length < 0.1:
-        return
-    unit = np.concatenate((np.zeros(3), direction) if torque else (direction, np.zeros(3))) / length
-    limit = LARGEST[int(torque)]
-    wide = ReadingLimits((1e6,) * 6, BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
-    for share, found in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
-        step = share * limit * unit
-        assert codes([REST, REST + step, REST + step + 1e-3], wide) == found
-
-
-def test_a_single_spike_is_dropped_and_counted_and_a_second_one_is_a_fault() -> None:
-    """The samples before and after it count; the spike reaches no filter."""
-    spark = REST + np.array([2.0 * LARGEST[0], 0, 0, 0, 0, 0])
-    check = ReadingCheck(BOUNDS)
-    for number in range(3 * WILD_APART):
-        wild = number % (WILD_APART + 2) == 5
-        reading = spark if wild else REST + 0.01 * number
-        fault = check.fault_of(tuple(reading.tolist()), SENSOR_S)
-        assert fault == NO_FAULT
-        assert check.accepted is not wild
-    assert check.spikes == 3
-    assert codes([REST, spark, REST + 0.01, REST, spark])[-1] == "sensor_jump"
 
 
 @given(st.lists(hnp.arrays(float, 6, elements=st.floats(allow_nan=True)), max_size=20))
@@ -185,17 +121,6 @@ def test_the_reading_limits_of_the_demo_follow_from_its_cell() -> None:
     assert BOUNDS.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
     assert BOUNDS.step_per_s == pytest.approx([5000.0, 0.24 * 5000.0])
     assert BOUNDS.frozen_s == 0.08
-
-
-@pytest.mark.parametrize("number", range(6))
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_95_percent_of_the_range_is_saturated_and_the_number_before_it_is_not(
-    number: int, sign: float
-) -> None:
-    """Force and torque have separate ranges."""
-    full = 100.0 if number < 3 else 10.0
-    assert last_code(axis_reading(number, sign * 0.95 * full)) == "sensor_saturated"
-    assert last_code(axis_reading(number, sign * np.nextafter(0.95 * full, 0.0))) == ""
 
 
 @pytest.mark.parametrize(
@@ -259,14 +184,9 @@ def test_ten_calm_readings_make_the_next_outlier_a_spike_again(
     assert last_code(*before, *after, wild) == code
 
 
-def test_before_the_first_reading_nothing_counts() -> None:
-    """Neither is a spike counted."""
-    assert not ReadingCheck(EXACT).accepted
-    assert ReadingCheck(EXACT).spikes == 0
-
-
 def test_a_cleared_check_is_a_new_one_that_remembers_its_spikes() -> None:
     """After a gap the first reading counts, and neither jump nor frozen time remains."""
+    assert not ReadingCheck(EXACT).accepted
     wild, still = axis_reading(0, 90.0), [axis_reading(1, 1.0)] * 4
     check, _ = last_of(*still, wild)
     check.clear()

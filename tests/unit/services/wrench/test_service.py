@@ -18,9 +18,7 @@ FAULT_HOLD_STEPS = round(REPORT_S / SENSOR_S)
 # --- what is published ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "turn", [(0, 0, 0), (0.5, 0, 0), (0, -1.2, 0.3), (1.0, 1.0, 2.0), (3, 0, 0)]
-)
+@pytest.mark.parametrize("turn", [(0, 0, 0), (1.0, 1.0, 2.0)])
 def test_the_wrench_is_the_environments_at_the_tcp_in_base(bench: WrenchBench, turn) -> None:
     """In any orientation it is zero without contact and else the push, with the raw reading."""
     bench.R_base_flange = rotation_from_vector(np.array(turn, dtype=float)) @ DOWN
@@ -91,14 +89,10 @@ def test_a_stale_input_is_reported_by_name_and_at_the_usual_rate(
 @pytest.mark.parametrize(
     ("changes", "code", "reason"),
     [
-        ({"status": "saturated"}, "sensor_saturated", "the sensor reports saturated"),
-        ({"status": "fault"}, "sensor_fault", "the sensor reports fault"),
         ({"status": "fault", "reason": "hot", "valid": False}, "sensor_fault", "fault: hot"),
         ({"valid": False, "reason": "no cable"}, "sensor_fault", "sensor/wrench invalid: no cable"),
         ({"valid": False, "code": "sensor_frozen"}, "sensor_frozen", "no reason given"),
         ({"force_N": (0.0, 0.0, 501.0)}, "sensor_saturated", "Fz reads 501 N, 95% of its range"),
-        ({"force_N": (1.7e308,) * 3}, "sensor_saturated", "Fx reads 1.7e+308 N"),
-        ({"torque_Nm": (0.0, -20.1, 0.0)}, "sensor_saturated", "My reads -20.1 N m"),
     ],
 )
 def test_an_invalid_sample_makes_no_wrench(bench: WrenchBench, changes, code, reason) -> None:
@@ -129,20 +123,6 @@ def test_a_robot_without_an_orientation_makes_no_wrench(bench: WrenchBench) -> N
     assert "robot/state unreadable: RobotState.orientation_xyzw" in bench.published().reason
 
 
-def test_after_a_gap_the_filter_restarts(bench: WrenchBench) -> None:
-    """The first wrench after silence has only new samples."""
-    bench.force_N = np.array([0.0, 0.0, 40.0])
-    bench.settle()
-    bench.silent = {"sensor"}
-    bench.pass_s(0.3)
-    bench.silent, bench.force_N = set(), np.zeros(3)
-    for _ in range(FAULT_HOLD_STEPS + 2):
-        bench.step()
-        if bench.published().valid:
-            assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.published().valid
-
-
 def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> None:
     """Between two samples the output is constant: time is the sensor's, not the loop's."""
     bench.settle()
@@ -154,21 +134,6 @@ def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> Non
     assert 1.0 < before < 39.0
     bench.step(10)
     assert bench.published().force_N[2] == before
-
-
-def test_a_spike_during_several_steps_is_still_one_sample(
-    bench: WrenchBench,
-) -> None:
-    """The median counts samples: a spike that is read five times is one of three."""
-    bench.settle()
-    bench.sensor = {"force_N": (400.0, 400.0, 400.0)}
-    bench.step()
-    bench.silent = {"sensor"}
-    bench.step(5)
-    bench.silent, bench.sensor = set(), {}
-    for _ in range(6):
-        bench.step()
-        assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
 
 
 def test_every_sample_triggers_the_service(bench: WrenchBench) -> None:

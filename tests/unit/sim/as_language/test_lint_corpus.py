@@ -116,7 +116,7 @@ def test_every_error_is_raised_and_every_text_is_read() -> None:
     documented = {
         text.split()[0] for path in FILES for word in words for text in directives(path, word)
     }
-    of_behaviours = {"E1117", "E4025"}  # raised in tests/unit/sim/controller/test_behaviour.py
+    of_behaviours = {"E1117", "E4025"}  # raised in tests/unit/controller/test_fmprobe_as.py
     assert raised - documented - of_behaviours == set()
     results = {expected(line)[1] for path in FILES for line in directives(path, "after")}
     assert TCP_RESULTS - results == set()

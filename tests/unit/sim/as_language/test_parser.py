@@ -4,23 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from forcemesh.errors import DataError
 from sim.as_language import syntax
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.lines import parse_line
 from sim.as_language.parser import load, parse
-from sim.as_language.syntax import (
-    Binary,
-    FunctionCall,
-    Instruction,
-    Number,
-    Text,
-    Unary,
-    Variable,
-    Word,
-)  # fmt: skip
+from sim.as_language.syntax import Binary, FunctionCall, Number, Text, Unary, Variable, Word
 from tests.corpus.cases import FILES
-from tests.fakes.as_language import expression, program, statement
+from tests.unit.sim.as_language.conftest import expression, statement
 
 ONE, TWO = Number(1.0), Number(2.0)
 X, P = Variable("", "x"), Variable("", "p")
@@ -45,18 +35,6 @@ def test_the_case_of_a_line_has_no_meaning() -> None:
         assert parse_line(lower) == expected
         compared += 1
     assert compared > 500
-
-
-@pytest.mark.parametrize(
-    ("text", "label", "there"),
-    [("10 x = 1", "10", True), ("out:", "out", False), ("out: x = 1", "out", True),
-     ("10", "10", False), ("ANY:", "any", False), ("ANY :", None, True), ("10: x = 1", "10", True)],
-)  # fmt: skip
-def test_labels_stand_before_the_instruction(text: str, label: str | None, there: bool) -> None:
-    """A number without colon or a name with one; ANY: without the blank is a label too."""
-    line = parse_line(text)
-    assert line.label == label
-    assert (line.statement is not None) == there
 
 
 @pytest.mark.parametrize(
@@ -97,62 +75,7 @@ def test_the_meaning_of_a_word_depends_on_its_place(text: str, expected: syntax.
     assert expression(text) == expected
 
 
-def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
-    """Options of a real backup: no list of arguments, and no reason to refuse the file."""
-    found = statement("  WELD JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;")
-    assert found == Instruction("WELD", (Text("JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;"),),
-                                unknown=True)  # fmt: skip
-
-
-@pytest.mark.parametrize("word", ["JOINT", "linear", "CIR1", "CIR2"])
-@pytest.mark.parametrize(
-    "rest",
-    ["SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) 2 (ON,0,0,C) OX= WX= #[1,-2.5,3] ;up",
-     "30.0 ACCU1 TIMER0 TOOL1 WORK0 CLAMP OX=84,-85 WX=1001 #[1,2,3,4,5,6,-2000]",
-     "SPEED3 ACCU1 TIMER0 TOOL1 WORK0 GROUP0  CLAMP1 (OFF,0,0,O) OX= WX=  YO=^H0,^H0 #[1,2]"],
-)  # fmt: skip
-def test_a_block_step_of_the_pendant_is_known_and_kept_unread(word: str, rest: str) -> None:
-    """With clamps, signals and values of further axes; a label may stand before it."""
-    assert statement(f"  {word} {rest}") == Instruction(word.upper(), (Text(rest),))
-    assert parse_line(f"10 {word} {rest}").label == "10"
-
-
-@pytest.mark.parametrize("line", ["joint = 1", "JOINT SPEED9 ACCU1", "CALL joint", "cir1[2] = 3"])
-def test_the_words_of_block_steps_are_names_elsewhere(line: str) -> None:
-    """Without joint values it is an unknown instruction at most."""
-    found = statement(line)
-    assert not isinstance(found, Instruction) or found.unknown
-
-
-@pytest.mark.parametrize(
-    ("short", "full"),
-    [("IF x == 1", "IF x == 1 THEN"), ("WHILE SIG(-1)", "WHILE SIG(-1) DO"),
-     ("CASE x", "CASE x OF"), ("SCASE $s", "SCASE $s OF"), ("VALUE 1,2", "VALUE 1,2:"),
-     ('SVALUE "a"', 'SVALUE "a":'), ("ANY", "ANY :")],
-)  # fmt: skip
-def test_words_at_the_end_of_a_line_may_be_left_out(short: str, full: str) -> None:
-    """Public programs, also generated ones, are written so; of ANY the manual states it."""
-    assert statement(short) == statement(full)
-
-
-def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
-    """The check lists it; executing it is an error."""
-    assert statement("WIBBLE 1,x") == Instruction("WIBBLE", (ONE, X), unknown=True)
-    monitor_command = statement("MC DIRECTORY 1")
-    assert isinstance(monitor_command, Instruction)
-    assert monitor_command.unknown
-
-
 # --- structures -----------------------------------------------------------------------------------
-
-
-def test_steps_are_counted_as_the_controller_lists_them() -> None:
-    """Comments are steps, blank lines are not; text and line are kept for messages."""
-    steps = program("; first", "", "  x = 1 ; why", "").steps
-    assert [(step.number, step.where.line, step.text) for step in steps] == [
-        (1, 2, "; first"), (2, 4, "x = 1 ; why"),
-    ]  # fmt: skip
-    assert steps[0].statement == syntax.Comment()
 
 
 # --- whole files ----------------------------------------------------------------------------------
@@ -161,18 +84,11 @@ BACKUP = """\
 .*=== AS GROUP ===         : ASF_T2001000N 2020/05/26 17:51
 .*
 .SAVETIME 2021/03/29 07:49
-.NETCONF     192.0.2.11,"R1",255.255.255.0,0.0.0.0,""
-.NETCONF2     192.0.2.12,255.255.255.0,0.0.0.0
-.LANGUAGE ENGLISH
 .ROBOTDATA1
 ZROBOT.TYPE    34  97   8 12051     -182851   X200L ( 2021-02-24 10:33 )
-SG_CAL[1]      1.6597000122e+02 -2.0e+02  268743957
 .END
 .INTER_PANEL_D
 0,1,"  OK","","","",10,7,4,10,2001,0
-.END
-.AUXDATA
-N_INT5    "motion_ok  "
 .END
 .PROGRAM a.home() #9744
   JMOVE #[0,0,0,0,0,0]
@@ -186,7 +102,6 @@ N_INT5    "motion_ok  "
 .END
 .TRANS
 p[3] 0.5 0 0 0 0 0
-tframe -158.983856 -716.104248 245 175.046768 179.998154 86.93544
 arm 1 2 3 4 5 6 7 8
 .END
 .JOINTS
@@ -197,7 +112,6 @@ udp_port = 49152
 .END
 .STRINGS
 $s = "a;b = c"
-$t[2] = ""
 .END
 .INTEGER
 @n = -5
@@ -213,8 +127,7 @@ def test_a_backup_is_read_whole(newline: str) -> None:
     assert [v.spelling for v in source.programs["b"].parameters] == [".x", ".$s", ".#j", ".a"]
     assert source.programs["b"].parameters[3].whole
     assert [section.name for section in source.skipped] == [
-        ".SAVETIME", ".NETCONF", ".NETCONF2", ".LANGUAGE", ".ROBOTDATA1", ".INTER_PANEL_D",
-        ".AUXDATA",
+        ".SAVETIME", ".ROBOTDATA1", ".INTER_PANEL_D",
     ]  # fmt: skip
     data = {item.variable: item.value for item in source.data}
     assert data[Variable("", "p", indices=(Number(3.0),))] == (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -225,45 +138,20 @@ def test_a_backup_is_read_whole(newline: str) -> None:
     assert data[Variable("#", "j")] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def test_local_assignments_are_no_section_headers() -> None:
-    """Inside a program a line may begin with a dot; .END in any case ends it."""
-    source = parse(".PROGRAM p\n.x = 1\n.ending = 2\n.end\n")
-    assert len(source.programs["p"].steps) == 2
-
-
-def test_long_lines_are_read() -> None:
-    """Real backups hold 207 columns, and more in comments."""
-    line = "x = 1" + " + 1" * 60 + " ;" + "c" * 300
-    assert len(parse(f".PROGRAM p\n{line}\n.END").programs["p"].steps) == 1
-
-
-def test_the_last_of_two_programs_of_one_name_counts_and_is_remarked() -> None:
-    """As a LOAD would replace it."""
-    source = parse(".PROGRAM p\n.END\n.PROGRAM p\nx = 1\n.END")
-    assert len(source.programs["p"].steps) == 1
-    assert "twice" in source.remarks[0].text
-
-
 @pytest.mark.parametrize(
     ("text", "code", "line"),
     [
         (".PROGRAM p\nx = 1", "P0140", 1),
         (".PROGRAM p\n.PROGRAM q\n.END", "P0140", 1),
         (".PROGRAM p\nWHILE x DO\nIF x THEN\nEND\n.END", "P0140", 2),
-        (".PROGRAM p\nDO\nEND\nUNTIL x\n.END", "P0141", 3),
         (".PROGRAM p\nWHILE x DO\nELSE\nEND\n.END", "P0142", 3),
         (".PROGRAM p\nIF x THEN\nELSE\nELSE\nEND\n.END", "P0142", 4),
-        (".PROGRAM p\nANY :\n.END", "P0145", 2),
-        (".PROGRAM\n.END", "P0117", 1),
         (".PROGRAM p(.x\n.END", "P0120", 1),
         (".PROGRAM p(.x+1)\n.END", "P0108", 1),
-        (".PROGRAM p(1)\n.END", "P0108", 1),
         (".PROGRAM p() nonsense\n.END", "P0108", 1),
         (".REALS\nx = 1 2\n.END", "P0100", 2),
         (".REALS\nx = 1E99\n.END", "P0100", 2),
-        (".REALS\n= 1\n.END", "P0108", 2),
         (".REALS\n$x = 1\n.END", "P0118", 2),
-        (".STRINGS\n$x = 1\n.END", "P0108", 2),
         (".TRANS\np 1 2 3\n.END", "P0100", 2),
         (".INTEGER\n@n =\n.END", "P0100", 2),
     ],
@@ -278,43 +166,8 @@ def test_a_mistake_of_a_file_is_reported_with_code_and_line(
     assert (first.code, first.where.line) == (code, line)
 
 
-LINES = [
-    ("x = (1", "P0120", 7, "end of the line; expected ')'"),
-    ('$s = "abc', "P0108", 6, "not closed"),
-    ("IF x y = 1", "P0121", 6, "expected THEN or GOTO"),
-    ("IF a = b THEN", "P0108", 6, "To compare, write =="),
-    ("FOR i = 1 3", "P0121", 11, "expected TO"),
-    ("GOTO", "P0108", 5, "a label"),
-    ("CALL 5", "P0108", 6, "the name of a program"),
-    ("POINT PI = 3", "P0117", 0, "the function PI"),
-    ("HERE 5", "P0117", 0, "expected a variable"),
-    ("x[1,2,3,4] = 1", "P0119", 0, "4 indices"),
-    ("x = 1E99", "E0106", 0, "3.4E38"),
-    ("x = \xe4", "P0108", 5, "must be ASCII"),
-    ("x = $ENCODE(/F999.2,1)", "P0108", 0, "255 columns"),
-    ("x = " + "-" * 200 + "1", "P0114", 0, "deeper"),
-]
-
-
-@pytest.mark.parametrize(("line", "code", "column", "words"), LINES)
-def test_a_wrong_line_is_explained(line: str, code: str, column: int, words: str) -> None:
-    """Code, column, the text that was found, the right form."""
-    with pytest.raises(AsSyntaxError) as caught:
-        parse(f".PROGRAM p\n{line}\n.END", "f.as")
-    mistake = caught.value.mistakes[0]
-    assert (mistake.code, mistake.column, mistake.where.line) == (code, column, 2)
-    assert words in str(mistake)
-    assert str(mistake).startswith("f.as:2")
-
-
 def test_a_file_is_read_from_disk_byte_by_byte(tmp_path: Path) -> None:
     """One byte is one character, whatever the file's encoding was."""
     path = tmp_path / "x.as"
     path.write_bytes(b'.PROGRAM p\n$s = "\xff\xe4" ; \xd0\x9f\n.END')
     assert len(load(path).programs["p"].steps) == 1
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """With the reason."""
-    with pytest.raises(DataError, match=r"missing\.as: cannot be read: No such file"):
-        load(tmp_path / "missing.as")

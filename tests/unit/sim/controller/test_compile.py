@@ -1,4 +1,4 @@
-"""Control flow, subroutines and cycles of AS programs, and any instruction with any arguments."""
+"""Shares of the processor, compound locations, and any instruction with any arguments."""
 
 import pytest
 from hypothesis import given, settings
@@ -7,86 +7,8 @@ from hypothesis import strategies as st
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.keywords import EMULATED
 from sim.as_language.special_functions import ALL_NAMES
-from sim.controller.behaviour import Behaviour
 from sim.controller.compile import DEAR, INSTRUCTIONS
 from tests.fakes.as_bench import AsBench, program
-
-SMALL = st.integers(-20, 20)
-
-
-def ran(*lines: str) -> AsBench:
-    """A program of these steps, executed."""
-    return AsBench(program(*lines)).run()
-
-
-@settings(max_examples=20)
-@given(SMALL, SMALL, SMALL.filter(bool))
-def test_for_runs_as_often_as_a_counting_loop_and_keeps_the_first_value_beyond(
-    start: int, stop: int, step: int
-) -> None:
-    """Zero trips are possible; the variable ends on the first value that is not in the loop."""
-    bench = ran("n = 0", f"FOR i = {start} TO {stop} STEP {step}", "n = n+1", "END")
-    beyond = stop + 1 if step > 0 else stop - 1
-    inside = range(start, beyond, step)
-    assert bench.value("n") == len(inside)
-    assert bench.value("i") == start + step * len(inside)
-
-
-def test_while_tests_first_and_do_until_tests_last() -> None:
-    """A false WHILE runs never, a true UNTIL runs once."""
-    bench = ran("w = 0", "WHILE w > 0 DO", "w = w+1", "END", "d = 0", "DO", "d = d+1", "UNTIL TRUE")
-    assert (bench.value("w"), bench.value("d")) == (0, 1)
-
-
-def test_arguments_are_passed_by_reference_and_expressions_as_values() -> None:
-    """A global, a local, an element and a new variable; locals are the call's own."""
-    body = ".l = 9\n.a = 10\n.b = 20\n.c = 30\n.d = .e\n.e = 0\n"
-    sub = f".PROGRAM sub(.a, .b, .c, .d, .e)\n{body}.END\n"
-    lines = ("g = 1", ".l = 2", "a[3] = 3", "h = 4", "CALL sub(g, .l, a[3], fresh, h+0)", "l = .l")
-    bench = AsBench(program(*lines) + sub).run()
-    found = [bench.value(name) for name in ("g", "l", "a[3]", "fresh", "h")]
-    assert found == [10, 20, 30, 4, 4]
-
-
-@pytest.mark.parametrize(
-    ("header", "arguments", "code"),
-    [("(.a)", "1,2", "P0137"), ("(.$s)", "1", "P0138"), ("(.a[])", "1", "P0138"),
-     ("(.a)", "v[]", "P0138"), ("(.#j)", "NULL", "P0138"), ("(.a,.b)", ",1", "E0102")],
-)  # fmt: skip
-def test_arguments_must_fit_the_parameters(header: str, arguments: str, code: str) -> None:
-    """Number and types; one that is left out is undefined when it is read."""
-    sub = f".PROGRAM sub{header}\nx = .a\n.END\n"
-    assert AsBench(program("v[1] = 1", f"CALL sub({arguments})") + sub).fail().code == code
-
-
-def test_the_main_program_runs_as_many_cycles_as_asked() -> None:
-    """EXECUTE main,3 runs three times; a negative number runs for ever."""
-    bench = AsBench(program("n = n+1"))
-    bench.machine.memory.write("n", 0.0)
-    bench.start(cycles=3).advance(0.1)
-    assert (bench.value("n"), bench.task.state) == (3, "idle")
-    bench.start(cycles=-1).advance(0.1)
-    assert bench.value("n") > 100
-    assert bench.task.state == "running"
-
-
-def test_stop_begins_the_next_cycle_and_halt_ends_all() -> None:
-    """STOP restarts the main program when cycles remain, HALT does not."""
-    for word, rounds in (("STOP", 3), ("HALT", 1)):
-        sub = f".PROGRAM s()\n{word}\n.END\n"
-        bench = AsBench(program("n = n+1", "CALL s", "n = 100") + sub)
-        bench.machine.memory.write("n", 0.0)
-        bench.start(cycles=3).advance(0.2)
-        assert (bench.value("n"), bench.task.state) == (rounds, "idle")
-
-
-@pytest.mark.parametrize("step_ms", [0.1, 0.5, 2.0])
-def test_every_step_costs_the_processor_the_same_time(step_ms: float) -> None:
-    """A loop of two steps makes 1 s / (2 steps) rounds."""
-    bench = AsBench(program("n = 0", "WHILE TRUE DO", "n = n+1", "END"),
-                    Behaviour(step_s=step_ms * 1e-3)).start()  # fmt: skip
-    bench.advance(1.0)
-    assert bench.value("n") == pytest.approx(1000.0 / step_ms / 3, rel=0.01)
 
 
 def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:
@@ -105,9 +27,12 @@ def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:
 
 def test_point_defines_the_rightmost_of_a_compound_location() -> None:
     """Relative to the rest, as HERE does; a component of it, too. An undefined rest is E0103."""
-    bench = ran("POINT a = TRANS(100,0,0,90)", "POINT c = TRANS(10,20,30,40,50,60)",
-                "POINT a+b = c", "POINT d = a+b", "x = DISTANCE(c,d)", "POINT/Z a+b = TRANS(0,0,7)",
-                "z = DZ(b)", "y = DX(b)")  # fmt: skip
+    lines = (
+        "POINT a = TRANS(100,0,0,90)", "POINT c = TRANS(10,20,30,40,50,60)", "POINT a+b = c",
+        "POINT d = a+b", "x = DISTANCE(c,d)", "POINT/Z a+b = TRANS(0,0,7)", "z = DZ(b)",
+        "y = DX(b)",
+    )  # fmt: skip
+    bench = AsBench(program(*lines)).run()
     assert bench.value("x") == pytest.approx(0.0, abs=1e-3)
     assert bench.value("z") == pytest.approx(7.0, abs=1e-4)
     assert bench.value("y") == pytest.approx(20.0, abs=1e-4)
@@ -125,14 +50,6 @@ def test_a_step_that_cannot_be_executed_stops_with_its_code(
 ) -> None:
     """Options of a controller, names that do not exist, and a loop that GOTO has entered."""
     assert AsBench(program(*lines)).fail().code == code
-
-
-def test_joint_values_are_a_goal_of_lappro_and_a_configuration_of_point() -> None:
-    """20 mm before a place 50 mm below is 30 mm below."""
-    bench = ran("HERE p", "POINT #q = SHIFT(p BY 0,0,-50)", "POINT #r = p,#q",
-                "e = DISTANCE(#r,p)", "LAPPRO #q,20", "BREAK", "d = DISTANCE(DEST,p)")  # fmt: skip
-    assert bench.value("d") == pytest.approx(30.0, abs=0.01)
-    assert bench.value("e") == pytest.approx(0.0, abs=0.01)
 
 
 # --- the tables of the compiler, and anything at all ----------------------------------------------

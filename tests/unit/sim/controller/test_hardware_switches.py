@@ -1,18 +1,12 @@
 """Switches: what each of them changes for a program."""
 
-import numpy as np
 import pytest
 
 from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.unit.sim.controller.conftest import SQUARE
 
 STRAIGHT = "#[0,0,-90,0,-3,0]"  # JT5 within 5 degrees of zero
 ASIDE = "LMOVE SHIFT(p BY 80,0,0)"
-
-
-def travel_mm(trace: Trace) -> float:
-    """Distance from start to end."""
-    return float(np.linalg.norm(trace.mm[-1] - trace.mm[0]))
 
 
 def test_the_factory_settings_are_those_of_the_manual() -> None:
@@ -26,18 +20,6 @@ def test_the_factory_settings_are_those_of_the_manual() -> None:
     assert [off.value(name) for name in "abcde"] == [0, 0, 0, 0, 0]
 
 
-def test_several_switches_are_set_in_one_line_or_none() -> None:
-    """A name that is no switch leaves the others as they are."""
-    bench = AsBench(program("CP, QTOOL OFF", "a = SWITCH(CP)+SWITCH(QTOOL)")).run()
-    assert bench.value("a") == 0
-    bench = AsBench(program("CP, WIBBLE OFF"))
-    assert bench.fail().code == "P0111"
-    assert bench.machine.hardware.switches["cp"]
-
-
-# --- SINGULAR -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("move", [f"LMOVE {STRAIGHT}", "LDEPART 20"])
 def test_singular_refuses_a_straight_wrist_on_a_tcp_path(move: str) -> None:
     """E6007 at its end and from its start; OFF, and in joint motions, it is no error."""
@@ -48,97 +30,6 @@ def test_singular_refuses_a_straight_wrist_on_a_tcp_path(move: str) -> None:
     assert AsBench(program(f"JMOVE {STRAIGHT}", "BREAK", "n = 1")).run().value("n") == 1
 
 
-def test_singular_has_no_effect_beyond_5_degrees() -> None:
-    """JT5 at 6 degrees moves."""
-    lines = ("JMOVE #[0,0,-90,0,-6,0]", "BREAK", "DRIVE 5,-1", "LDEPART 1", "BREAK", "n = 1")
-    assert AsBench(program(*lines)).run().value("n") == 1
-
-
-# --- CONF_VARIABLE --------------------------------------------------------------------------------
-
-
-def test_conf_variable_off_refuses_a_target_in_another_configuration() -> None:
-    """ON the arm goes to the same TCP pose in its own configuration."""
-    flip = "#[0,0,-90,180,90,-180]"  # the pose of #[0,0,-90,0,-90,0]
-    lines = ("JMOVE #[0,0,-90,0,-90,0]", "BREAK", "LDEPART 30", "BREAK", f"LMOVE {flip}", "BREAK",
-             "n = DEXT(#DEST,4)")  # fmt: skip
-    assert AsBench(program(*lines)).run().value("n") == pytest.approx(0.0, abs=1.0)
-    assert AsBench(program("CONF_VARIABLE OFF", *lines)).fail().code == "E1184"
-
-
-def test_conf_variable_off_lets_everything_else_move() -> None:
-    """A target in the arm's own configuration, and one without a configuration."""
-    lines = ("CONF_VARIABLE OFF", *SQUARE, "LMOVE #[2,0,-90,0,-90,0]", "LMOVE p", "BREAK", "n = 1")
-    assert AsBench(program(*lines)).run().value("n") == 1
-
-
-# --- SLOW_START -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("speed", "slow_mm_s"),
-    [("SPEED 500 MM/S ALWAYS", 200.0), ("SPEED 2 ALWAYS", 40.0), ("SPEED 0.1 S ALWAYS", 200.0)],
-)  # fmt: skip
-def test_slow_start_limits_the_first_motion_to_the_slow_repeat_speed(
-    speed: str, slow_mm_s: float
-) -> None:
-    """10 % of full speed, 200 mm/s; a slower program speed stays; OFF nothing changes."""
-    fastest = []
-    for switch in ("ON", "OFF"):
-        bench = AsBench(program(f"SLOW_START {switch}", "HERE p", speed, ASIDE, "BREAK",
-                                "t = TIMER(0)", "LMOVE p", "BREAK"))  # fmt: skip
-        trace = Trace(bench)
-        bench.run()
-        half = int(bench.value("t") * 1000)
-        fastest.append((trace.speed_mm_s[:half].max(), trace.speed_mm_s[half:].max()))
-    (first, second), (usual, _) = fastest
-    assert first == pytest.approx(min(slow_mm_s, usual), rel=0.03)
-    assert second == pytest.approx(usual, rel=0.03)
-
-
-def test_slow_start_limits_the_first_motion_after_a_restart() -> None:
-    """HOLD and RUN between two motions."""
-    bench = AsBench(program("SLOW_START ON", "HERE p", "SPEED 300 MM/S ALWAYS", ASIDE, "BREAK",
-                            "PAUSE", "LMOVE p", "BREAK", "LMOVE SHIFT(p BY 0,80,0)",
-                            "BREAK"))  # fmt: skip
-    trace = Trace(bench)
-    bench.start()
-    assert bench.advance(5.0, lambda: bench.task.state == "held")
-    before = len(trace.points)
-    bench.pendant.run()
-    assert bench.advance(5.0, lambda: bench.task.state == "idle")
-    speeds = trace.speed_mm_s[before:]
-    middle = len(speeds) // 2
-    assert speeds[:middle].max() == pytest.approx(200.0, rel=0.03)
-    assert speeds[middle:].max() == pytest.approx(300.0, rel=0.03)
-
-
-# --- CHG_INTERRUPT_DECEL --------------------------------------------------------------------------
-
-
-def braking_mm(switch: str, decel: int, by: str) -> float:
-    """How far the arm goes after BRAKE of a PC program, or the signal of XMOVE."""
-    move = ASIDE if by == "BRAKE" else "XMOVE SHIFT(p BY 80,0,0) TILL 2001"
-    bench = AsBench(program(f"CHG_INTERRUPT_DECEL {switch}", *SQUARE, f"DECEL {decel} ALWAYS", move,
-                            "TWAIT 1") + program(by, name="stop"))  # fmt: skip
-    trace = Trace(bench)
-    bench.start().advance(0.4)
-    at_mm = travel_mm(trace)
-    bench.machine.control.start_pc(1, "stop")
-    bench.advance(1.0)
-    return travel_mm(trace) - at_mm
-
-
-@pytest.mark.parametrize("by", ["BRAKE", "SIGNAL 2001"])
-def test_chg_interrupt_decel_lets_decel_weaken_an_interruption(by: str) -> None:
-    """OFF: 2.5 m/s^2, 2 mm from 100 mm/s, whatever DECEL says. ON: 10 % of 2 m/s^2, 25 mm."""
-    assert braking_mm("OFF", 10, by) == pytest.approx(2.0, abs=0.3)
-    assert braking_mm("ON", 100, by) == pytest.approx(2.5, abs=0.3)
-    assert braking_mm("ON", 10, by) == pytest.approx(25.0, abs=1.5)
-
-
-# --- PREFETCH.SIGINS ------------------------------------------------------------------------------
-
 WITH_SIGNALS = ("SWAIT -1", "SIGNAL 1", "TWAIT 0", "PULSE 1,0.1", "DLYSIG 1,0.1", "RUNMASK 1",
                 "RESET", "BITS 1,4=5", "BITS32 1,4=5")  # fmt: skip
 
@@ -147,24 +38,10 @@ WITH_SIGNALS = ("SWAIT -1", "SIGNAL 1", "TWAIT 0", "PULSE 1,0.1", "DLYSIG 1,0.1"
 def test_prefetch_sigins_off_delays_signals_and_twait_until_the_axes_coincide(step: str) -> None:
     """50 mm at 100 mm/s: half a second, less 1 mm. ON, and for other steps, it costs no time."""
     for switch, is_early in (("OFF", step not in WITH_SIGNALS), ("ON", True)):
-        bench = AsBench(program(f"PREFETCH.SIGINS {switch}", *SQUARE, ASIDE.replace("80", "50"),
+        bench = AsBench(program(f"PREFETCH.SIGINS {switch}", *SQUARE, "LMOVE SHIFT(p BY 50,0,0)",
                                 step, "t = TIMER(0)", "BREAK", "u = TIMER(0)")).run()  # fmt: skip
         assert bench.value("t") == pytest.approx(0.01 if is_early else 0.53, abs=0.02)
         assert bench.value("u") == pytest.approx(0.55, abs=0.02)
-
-
-@pytest.mark.parametrize(("cp", "at_mm"), [("CP ON", 77.5), ("CP OFF", 80.0)])
-def test_a_signal_that_waits_for_the_axes_leaves_the_motions_blended(cp: str, at_mm: float) -> None:
-    """It comes when the next motion may start: with CP ON within ACCURACY and decelerating."""
-    bench = AsBench(program(cp, *SQUARE, "ACCURACY 20 ALWAYS", ASIDE, "SIGNAL 1",
-                            "LMOVE SHIFT(p BY 80,80,0)", "BREAK"))  # fmt: skip
-    trace, where_mm = Trace(bench), []
-    signals = bench.machine.hardware.signals
-    bench.machine.hardware.when(lambda: signals.holds(1), lambda: where_mm.append(travel_mm(trace)))
-    bench.run()
-    assert where_mm == pytest.approx([at_mm], abs=0.5)
-    misses = np.linalg.norm(trace.mm - trace.mm[0] - [80.0, 0.0, 0.0], axis=1)
-    assert (misses.min() > 0.1) == (cp == "CP ON")
 
 
 def test_a_signal_waits_for_every_motion_before_it() -> None:
@@ -173,46 +50,6 @@ def test_a_signal_waits_for_every_motion_before_it() -> None:
     bench = AsBench(program(*SQUARE, ASIDE, "LMOVE p", "DELAY 0.3", "SIGNAL 1", "t = TIMER(0)"),
                     behaviour).run()  # fmt: skip
     assert bench.value("t") == pytest.approx(1.97, abs=0.1)
-
-
-def test_signals_and_twait_of_a_pc_program_never_wait_for_the_arm() -> None:
-    """Its steps belong to no motion."""
-    bench = AsBench(
-        program(*SQUARE, "PCEXECUTE 1: pc", ASIDE, "BREAK")
-        + program("SIGNAL 1", "TWAIT 0.1", "t = TIMER(0)", name="pc")
-    ).run()
-    assert bench.value("t") == pytest.approx(0.1, abs=0.02)
-
-
-def test_a_signal_that_waits_is_set_after_an_interrupt() -> None:
-    """ONI brakes the motion, calls its program and returns to the step that waited."""
-    bench = AsBench(program(*SQUARE, "ONI 2001 CALL serve", ASIDE, "SIGNAL 1", "n = SIG(1)")
-                    + program("early = SIG(1)", name="serve")).start()  # fmt: skip
-    bench.advance(0.3)
-    bench.machine.hardware.signals.set(2001)
-    bench.advance(2.0)
-    assert (bench.value("early"), bench.value("n")) == (0, -1)
-
-
-# --- CYCLE.STOP, QTOOL ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("switch", ["ON", "OFF"])
-def test_cycle_stop_keeps_the_program_held_after_an_external_hold(switch: str) -> None:
-    """OFF it resumes when the input goes off; ON it waits for cycle start."""
-    bench = AsBench(program(f"CYCLE.STOP {switch}", "n = 0", "WHILE TRUE DO", "TWAIT 0.01",
-                            "n = n+1", "END")).start()  # fmt: skip
-    bench.advance(0.2)
-    bench.pendant.external_hold(on=True)
-    held = bench.value("n")
-    bench.advance(0.2)
-    assert bench.value("n") == held
-    bench.pendant.external_hold(on=False)
-    bench.advance(0.2)
-    assert (bench.value("n") == held) == (switch == "ON")
-    bench.pendant.run()
-    bench.advance(0.2)
-    assert bench.value("n") > held
 
 
 @pytest.mark.parametrize("switch", ["ON", "OFF"])

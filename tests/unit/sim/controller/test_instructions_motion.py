@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.fakes.as_bench import AsBench, program
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
 def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
@@ -26,26 +26,6 @@ def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
     assert math.remainder(turned + 20.0, 360.0) == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_move_through_the_pole_goes_straight_and_turns_evenly() -> None:
-    """From A = 170 on one side to 170 on the other: O jumps by 180 degrees, the arm does not."""
-    bench = AsBench(program("HERE p", "SPEED 1.5 S ALWAYS", "LMOVE p+RX(10)", "BREAK",
-                            "LMOVE p+RX(-10)", "BREAK"))  # fmt: skip
-    trace, last = Trace(bench), None
-    steps: list[float] = []
-
-    def record_status() -> None:
-        nonlocal last
-        q = bench.robot.queue.q_command
-        if last is not None:
-            steps.append(float(np.abs(q - last).max()))
-        last = q
-
-    bench.machine.after_tick.append(record_status)
-    bench.run()
-    assert np.ptp(trace.mm, axis=0).max() < 1e-4
-    assert max(steps) < math.radians(0.05)
-
-
 def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
     """80 mm aside at 100 mm/s: never faster, on the line within a micrometre."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 80,0,0)", "BREAK"))
@@ -56,31 +36,6 @@ def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
     assert travel[-1, 0] == pytest.approx(80.0, abs=1e-3)
     assert trace.speed_mm_s.max() == pytest.approx(100.0, rel=0.01)
     assert np.diff(trace.speed_mm_s).max() < 2.0 + 1e-6  # 2 m/s^2 is 2 mm/s each ms
-
-
-@pytest.mark.parametrize("move", ["LMOVE SHIFT(p BY 30,0,0)", "DRIVE 1,10,20"])
-def test_the_monitor_speed_multiplies_every_program_speed(move: str) -> None:
-    """Linear and joint motions alike."""
-    fastest = []
-    for percent in (100, 50):
-        bench = AsBench(program("HERE p", "SPEED 60 MM/S", move, "BREAK"))
-        bench.pendant.monitor_speed(percent)
-        trace = Trace(bench)
-        bench.run()
-        fastest.append(trace.speed_mm_s.max())
-    assert fastest[1] == pytest.approx(0.5 * fastest[0], rel=0.03)
-
-
-def test_speed_without_always_is_for_the_next_motion_only() -> None:
-    """The second motion goes with the speed set ALWAYS."""
-    bench = AsBench(program("HERE p", "SPEED 40 MM/S ALWAYS", "SPEED 80 MM/S",
-                            "LMOVE SHIFT(p BY 20,0,0)", "BREAK", "a = TIMER(0)",
-                            "LMOVE p", "BREAK"))  # fmt: skip
-    trace = Trace(bench)
-    bench.run()
-    half = int(bench.value("a") * 1000)
-    assert trace.speed_mm_s[:half].max() == pytest.approx(80.0, rel=0.02)
-    assert trace.speed_mm_s[half:].max() == pytest.approx(40.0, rel=0.02)
 
 
 def corner(cp: str, accuracy_mm: float) -> tuple[AsBench, Trace]:
@@ -108,15 +63,6 @@ def test_cp_on_cuts_the_corner_within_accuracy_and_does_not_stop() -> None:
     assert misses[2] == pytest.approx(misses[1], rel=0.2)  # it slows down over 2.5 mm at most
 
 
-def test_cp_off_stops_in_every_point() -> None:
-    """The corner is reached exactly, and the speed goes down to nothing there."""
-    _, trace = corner("CP OFF", 20.0)
-    miss = np.linalg.norm(trace.mm - trace.mm[0] - [40.0, 0.0, 0.0], axis=1)
-    assert miss.min() < 1e-3
-    at = int(miss.argmin())
-    assert trace.speed_mm_s[at - 2 : at + 2].min() < 2.0
-
-
 def test_the_program_runs_one_motion_ahead() -> None:
     """Steps behind LMOVE run while it moves; the next LMOVE waits until it is handed over."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "a = TIMER(0)",
@@ -125,36 +71,3 @@ def test_the_program_runs_one_motion_ahead() -> None:
     assert bench.value("a") < 0.02
     assert bench.value("b") == pytest.approx(0.5, abs=0.06)
     assert bench.value("c") == pytest.approx(1.07, abs=0.08)
-
-
-@pytest.mark.parametrize(
-    "relative",
-    ["LDEPART 10", "JDEPART 10", "DRAW 0,10,0", "TDRAW 0,10,0,0,0,5", "DRIVE 6,10", "ALIGN"],
-)
-def test_a_relative_motion_starts_from_the_end_of_the_motions_ahead(relative: str) -> None:
-    """It ends where it ends after a BREAK. DEST is the end of the motion that is under way."""
-    moves = ("LMOVE SHIFT(p BY 20,0,0)+RX(5)", "LMOVE SHIFT(p BY 20,0,20)+RX(10)")
-    behaviour = FAST.model_copy(update={"motions_ahead": 4})
-    waits, ahead = (
-        AsBench(program(*SQUARE, *moves, step, relative, "BREAK", "POINT #e = #DEST"),
-                behaviour).run()
-        for step in ("BREAK", "POINT d = DEST")
-    )  # fmt: skip
-    assert ahead.value("#e").values == pytest.approx(waits.value("#e").values, abs=1e-3)
-    start, destination = ahead.value("p"), ahead.value("d")
-    off_mm = destination.x - start.x, destination.z - start.z
-    assert off_mm == pytest.approx((20.0, 0.0), abs=0.1)
-
-
-def test_drive_and_draw_have_a_speed_of_their_own() -> None:
-    """It replaces the program's SPEED for that motion."""
-    for move, expected in (("DRAW 20,0,0,0,0,0,40 MM/S", 40.0), ("DRAW 20,0,0", 100.0)):
-        bench = AsBench(program(*SQUARE, move, "BREAK"))
-        trace = Trace(bench)
-        bench.run()
-        assert trace.speed_mm_s.max() == pytest.approx(expected, rel=0.02)
-    times = []
-    for percent in (5, 10):
-        source = program(*SQUARE, f"DRIVE 6,40,{percent}", "BREAK", "t = TIMER(0)")
-        times.append(AsBench(source).run().value("t"))
-    assert times[0] > 1.5 * times[1]

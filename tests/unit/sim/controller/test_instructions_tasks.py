@@ -1,69 +1,8 @@
-"""Parallel programs, errors and their handlers, the monitor behind MC, waiting and PROMPT."""
-
-from collections import deque
+"""Errors of steps that wait, of handlers, and of impossible values."""
 
 import pytest
 
-from sim.as_language.errors import AsError
-from sim.controller.behaviour import Behaviour, pessimistic
-from tests.fakes.as_bench import FAST, AsBench, program
-
-
-def test_motion_instructions_stop_a_pc_program_with_e1095() -> None:
-    """Every one of them but BRAKE."""
-    moves = ("LMOVE #[0,0,-90,0,-90,0]", "JMOVE HERE", "DRIVE 1,5", "HOME", "SPEED 10 ALWAYS",
-             "TOOL NULL", "DELAY 1", "LDEPART 10", "DRAW 1,0,0", "MVWAIT 5")  # fmt: skip
-    for move in moves:
-        bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1")
-                        + program(move, name="other")).start()  # fmt: skip
-        bench.advance(0.2)
-        assert bench.codes == ["E1095"], move
-    bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1") + program("BRAKE", name="other"))
-    assert bench.run().codes == []
-
-
-def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
-    """The robot program continues; the error names program and step, and ERROR has its number."""
-    other = program("TWAIT 0.1", "x = 1/0", name="other")
-    bench = AsBench(program("PCEXECUTE 4: other", "TWAIT 0.3", "e = ERROR", "t = TASK(1004)",
-                            "c = SYSDATA(ERROR.CODE)")
-                    + other).start()  # fmt: skip
-    bench.advance(1.0)
-    assert bench.task.state == "idle"
-    assert [bench.value(name) for name in "etc"] == [-30108, 0, -30108]
-    stop = bench.machine.stops[0]
-    assert (stop.error.code, stop.program, stop.step) == ("E0108", "other", 2)
-    assert "other" in str(stop)
-    assert "step 2" in str(stop)
-
-
-def test_the_autonomous_start_of_the_manual_works() -> None:
-    """WAIT SWITCH(POWER), then MC EXECUTE: the robot program starts when the motors go on."""
-    main = program("x = 1")
-    boss = program("WAIT SWITCH(POWER)", "MC EXECUTE main", name="boss")
-    bench = AsBench(main + boss)
-    bench.pendant.motor_power(on=False)
-    bench.machine.control.start_pc(1, "boss")
-    bench.advance(0.5)
-    assert bench.value("x") is None
-    bench.pendant.motor_power(on=True)
-    bench.machine.control.held = bench.robot.queue.held = False
-    bench.advance(0.5)
-    assert bench.value("x") == 1
-
-
-def test_after_ereset_continue_repeats_the_step_that_failed() -> None:
-    """The mistake has been put right meanwhile: the program continues."""
-    bench = AsBench(program("a = 1", "b = 1/c", "d = 1"))
-    bench.machine.memory.write("c", 0.0)
-    assert bench.fail().code == "E0108"
-    bench.machine.memory.write("c", 4.0)
-    with pytest.raises(AsError, match="P1013"):
-        bench.pendant.run()
-    bench.pendant.error_reset()
-    bench.pendant.run()
-    bench.advance(0.1)
-    assert (bench.value("b"), bench.value("d"), bench.task.state) == (0.25, 1, "idle")
+from tests.fakes.as_bench import AsBench, program
 
 
 def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
@@ -87,14 +26,6 @@ def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
     assert (handled.value("n"), handled.value("a"), handled.task.state) == (1, 1, "idle")
 
 
-def test_one_with_return_repeats_the_step() -> None:
-    """RETURN goes back to the step that failed, which the handler has made possible."""
-    handler = program("c = 2", "RETURN", name="handler")
-    bench = AsBench(program("c = 0", "ONE handler", "x = 1/c") + handler).start()
-    bench.advance(0.2)
-    assert (bench.value("x"), bench.task.state) == (0.5, "idle")
-
-
 def test_an_error_in_the_handler_stops_the_program() -> None:
     """Handlers are not handled, and they must not move the arm."""
     for line, code in (("x = 1/0", "E0108"), ("LMOVE HERE", "P0111")):
@@ -103,50 +34,7 @@ def test_an_error_in_the_handler_stops_the_program() -> None:
         assert bench.fail().code == code
 
 
-def test_a_stall_stops_all_programs_and_not_the_arm() -> None:
-    """A planning stall of 1 s: no step is made, the motion continues."""
-    source = program(
-        "PCEXECUTE 1: other", "SPEED 20 MM/S ALWAYS", "HERE p", "LMOVE SHIFT(p BY 0,0,50)"
-    ) + program("WHILE TRUE DO", "n = TIMER(0)", "TWAIT 0.01", "END", name="other")
-    behaviour = Behaviour(step_s=2e-5, planning_stall_s=1.0, stall_at_motions=(1,))
-    bench = AsBench(source, behaviour).start()
-    bench.advance(0.1)
-    counted, z = bench.value("n"), bench.task.machine.here().z
-    bench.advance(0.8)
-    assert bench.value("n") == counted
-    assert bench.task.machine.here().z - z == pytest.approx(16.0, abs=0.5)
-    bench.advance(0.2)
-    assert bench.value("n") > counted
-
-
-def test_the_same_program_gives_the_same_run() -> None:
-    """Everything on the virtual clock is repeatable, to the step."""
-    source = program("HERE p", "FOR i = 1 TO 3", "LMOVE SHIFT(p BY 0,5*i,0)", "END", "BREAK",
-                     "t = TIMER(0)", "DECOMPOSE x[0] = HERE")  # fmt: skip
-    first, second = AsBench(source, FAST).run(), AsBench(source, FAST).run()
-    assert first.machine.steps == second.machine.steps
-    assert [first.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")] == [
-        second.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")
-    ]
-
-
 # --- waiting, values out of range, PROMPT ---------------------------------------------------------
-
-
-def test_twait_lasts_as_long_as_asked_to_the_millisecond() -> None:
-    """TIMER reads the same as TWAIT waited."""
-    bench = AsBench(program("TIMER 1 = 0", "TWAIT 0.25", "t = TIMER(1)")).run()
-    assert bench.value("t") == pytest.approx(0.25, abs=0.0015)
-
-
-def test_a_coarse_timer_moves_in_steps_of_16_ms() -> None:
-    """The pessimistic controller's TIMER is a multiple of 16 ms, never ahead of the time."""
-    lines = ("FOR i = 1 TO 50", "TWAIT 0.001", "t[i] = TIMER(0)", "u[i] = t[i]/0.016", "END")
-    bench = AsBench(program(*lines), pessimistic(2e-5)).run()
-    units = [bench.value(f"u[{k}]") for k in range(1, 51)]
-    assert all(abs(unit - round(unit)) < 1e-4 for unit in units)
-    assert len({round(unit) for unit in units}) > 2
-    assert bench.value("t[50]") <= bench.now_s
 
 
 @pytest.mark.parametrize(
@@ -171,26 +59,3 @@ def test_a_coarse_timer_moves_in_steps_of_16_ms() -> None:
 def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
     """The code names the mistake."""
     assert AsBench(program(line)).fail().code == code
-
-
-def typed(line: str, *steps: str) -> AsBench:
-    """Run steps that wait for a line of the keyboard, which comes after 0.1 s."""
-    bench = AsBench(program(*steps))
-    bench.machine.hardware.keyboard = deque()
-    bench.start().advance(0.1)
-    assert bench.task.state == "running"
-    bench.pendant.type_line(line)
-    bench.advance(0.1)
-    return bench
-
-
-@pytest.mark.parametrize(
-    ("line", "values"),
-    [("1 2", (1, 2)), ("1.5, -2E1,7", (1.5, -20)), ("^HFF", (255, 0)), ("", (0, 0))],
-)
-def test_prompt_reads_numbers_that_are_typed(line: str, values: tuple[float, float]) -> None:
-    """Blanks or commas between them, 0 for those that are missing, the rest is ignored."""
-    bench = typed(line, 'PROMPT 2: "how many", a, b[3]')
-    assert bench.printed == ["how many>"]
-    assert (bench.value("a"), bench.value("b[3]")) == values
-    assert typed("abc", 'PROMPT "how many", a').codes == ["P0100"]

@@ -1,11 +1,10 @@
-"""Stops of the emulated arm: BRAKE, HOLD, ABORT, emergency stop, the end of a program."""
+"""Stops of the emulated arm: BRAKE, HOLD and ABORT."""
 
 import numpy as np
 import pytest
 
-from sim.controller.behaviour import pessimistic
-from tests.fakes.as_bench import FAST, AsBench, program
-from tests.fakes.as_trace import SQUARE, Trace
+from tests.fakes.as_bench import AsBench, program
+from tests.unit.sim.controller.conftest import SQUARE, Trace
 
 
 def braked(source: str, at_s: float, **kwargs) -> tuple[AsBench, Trace]:
@@ -27,18 +26,6 @@ def test_brake_from_a_pc_program_stops_within_v2_over_2a() -> None:
     assert rest[0] == pytest.approx(2.0, abs=0.15)
     assert np.abs(rest[1:]).max() < 1e-3
     assert trace.speed_mm_s[at + 42 :].max() < 1e-6
-
-
-def test_brake_drops_all_motions_ahead_and_the_pessimistic_controller_starts_it() -> None:
-    """The open question of the facts, both readings."""
-    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "LMOVE SHIFT(p BY 0,50,0)",
-                     "LMOVE SHIFT(p BY 0,50,0)", "n = 1", "BREAK")  # fmt: skip
-    kind, _ = braked(source, 0.5, behaviour=FAST.model_copy(update={"motions_ahead": 4}))
-    hard, _ = braked(source, 0.5, behaviour=pessimistic(2e-5))
-    start = AsBench(source).task.machine.here()
-    assert kind.task.machine.here().y == pytest.approx(start.y, abs=0.1)
-    assert hard.task.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
-    assert kind.value("n") == 1
 
 
 def test_hold_decelerates_and_run_finishes_the_motion() -> None:
@@ -82,22 +69,3 @@ def test_abort_finishes_the_motion_and_ends_the_program() -> None:
     assert bench.task.machine.task_state(1) == 0
     assert (trace.mm[-1] - trace.mm[0])[0] == pytest.approx(50.0, abs=1e-3)
     assert bench.value("x") is None
-
-
-def test_an_emergency_stop_brakes_and_nothing_moves_until_power_and_run() -> None:
-    """Power on alone moves nothing either; after RUN the program continues with its next motion."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "BREAK", "LMOVE p", "BREAK"))
-    trace = Trace(bench)
-    bench.start().advance(0.5)
-    bench.pendant.emergency_stop()
-    bench.advance(0.1)
-    assert trace.speed_mm_s[-40:].max() < 1e-6
-    bench.pendant.motor_power(on=True)
-    assert not bench.robot.motor_power
-    bench.pendant.release_emergency_stop()
-    bench.pendant.motor_power(on=True)
-    bench.advance(0.5)
-    assert trace.speed_mm_s[-400:].max() < 1e-6
-    bench.pendant.run()
-    assert bench.advance(3.0, lambda: bench.task.state == "idle")
-    assert np.linalg.norm(trace.mm[-1] - trace.mm[0]) < 0.1

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.sensor.rdt import parse
-from sim.netft.protocol import About, command_of, record
+from sim.netft.protocol import record
 from sim.netft.sensor import FaultSwitches, NetftSensor
 
 WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
@@ -34,15 +34,6 @@ def test_the_driver_reads_the_records_of_the_sensor(rdt: int, ft: int, counts: t
     assert read.counts == counts
 
 
-@given(st.binary(max_size=20))
-def test_other_bytes_than_a_request_change_nothing(data: bytes) -> None:
-    """The real one ignores it, too."""
-    sensor = NetftSensor()
-    sensor.receive(data, "me")
-    known = command_of(data)
-    assert sensor.client is None or (known is not None and known[0] == 2)
-
-
 @given(st.integers(1, 30), st.integers(0, 40))
 def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
     """Single records and short streams end by themselves; zero is without end."""
@@ -51,40 +42,6 @@ def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
     assert numbers(sensor, samples) == list(range(1, min(count, samples) + 1))
     ask(sensor, 0x0002)
     assert numbers(sensor, 50) == list(range(1, 51))
-
-
-def test_only_the_owner_of_the_stream_stops_it() -> None:
-    """The last requester owns it; the one before receives no more."""
-    sensor = NetftSensor()
-    ask(sensor, 0x0002, client="first")
-    ask(sensor, 0x0002, client="second")
-    ask(sensor, 0x0000, client="first")
-    assert {client for _, client in sensor.measure(WRENCH)} == {"second"}
-    ask(sensor, 0x0000, client="second")
-    assert sensor.measure(WRENCH) == []
-
-
-@given(st.tuples(*[st.floats(-100.0, 100.0)] * 6))
-def test_a_bias_makes_the_present_reading_zero_until_power_is_lost(bias: tuple) -> None:
-    """For every client, twice as well as once."""
-    sensor = NetftSensor(About())
-    ask(sensor, 0x0002)
-    for _ in range(2):
-        sensor.measure(bias)
-        ask(sensor, 0x0042)
-    ((data, _),) = sensor.measure(bias)
-    assert parse(data).counts == (0,) * 6  # type: ignore[union-attr]
-    sensor.restart()
-    ask(sensor, 0x0002)
-    ((data, _),) = sensor.measure((1.0,) * 6)
-    assert parse(data).counts == (1_000_000,) * 6  # type: ignore[union-attr]
-
-
-def test_switches_are_read_back_as_they_were_set() -> None:
-    """Every one by its name; those that are not named stay."""
-    switches = FaultSwitches().changed({"loss": "0.5", "stall": "On", "status": "0x80000004"})
-    assert (switches.loss, switches.stall, switches.status) == (0.5, True, 0x8000_0004)
-    assert switches.changed({"stall": "off"}) == FaultSwitches(loss=0.5, status=0x8000_0004)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,4 @@
-"""The controller's own motions: goals on a trapezoid, braking, streamed poses."""
-
-import math
+"""The controller's own motions: straight lines on a trapezoid, and the end of a stream."""
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +19,6 @@ DT_S = 0.001
 
 moves = hnp.arrays(float, 3, elements=st.floats(-0.12, 0.12))
 turns = hnp.arrays(float, 3, elements=st.floats(-0.4, 0.4))
-joint_moves = hnp.arrays(float, 6, elements=st.floats(-0.5, 0.5))
 speeds = st.builds(
     Speed,
     mechanical_m_s=st.floats(0.02, 0.5),
@@ -90,90 +87,6 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     assert -change[:-2].min(initial=0.0) <= ACCEL_M_S2 * speed.decel_fraction * (1 + 1e-3) + 1e-4
 
 
-def test_a_long_goal_takes_the_time_of_its_trapezoid():
-    """Duration = travel / v + v / 2a + v / 2d: full speed is reached and held."""
-    motion = MotionGenerator(ARM, HOME)
-    speed = Speed(mechanical_m_s=0.2, accel_fraction=0.5, decel_fraction=0.25)
-    assert motion.start_pose(moved(np.array([0.0, 0.0, 0.24])), speed) == ""
-    expected_s = 0.24 / 0.2 + 0.2 / 2.0 + 0.2 / 1.0
-    assert (len(finish(motion)) - 1) * DT_S == pytest.approx(expected_s, abs=0.003)
-
-
-@given(joint_moves, speeds)
-@settings(max_examples=10, deadline=None)
-def test_a_joint_goal_moves_all_joints_together(travel, speed):
-    """Every joint has gone the same share of its travel at any time, and all arrive."""
-    motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + travel, speed) == ""
-    q = finish(motion)
-    assert motion.state == "done"
-    assert q[-1] == pytest.approx(HOME + travel, abs=1e-12)
-    largest = int(np.argmax(abs(travel)))
-    share = (q - HOME)[:, largest] / travel[largest] if travel[largest] else np.zeros(len(q))
-    assert q - HOME == pytest.approx(np.outer(share, travel), abs=1e-9)
-    assert flange_speeds_m_s(q).max() <= speed.mechanical_m_s * 1.01
-    assert joint_speed_share(q) <= 1.0 + 1e-6
-
-
-def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
-    """Past the wrist singularity joints 4 and 6 turn fast: they stay within their limits."""
-    start = np.radians([5.0, 20.0, -60.0, 0.0, -20.0, 0.0])
-    T = ARM.flange_pose(start)
-    turn = pin.utils.rotate("x", 0.7) @ pin.utils.rotate("y", 0.05)
-    motion = MotionGenerator(ARM, start)
-    goal = pin.SE3(T.rotation @ turn, T.translation)
-    assert motion.start_pose(goal, Speed(mechanical_m_s=0.5)) == ""
-    q = finish(motion)
-    assert motion.state == "done"
-    assert 0.9 < joint_speed_share(q) <= 1.0 + 1e-6
-    assert pin.log6(ARM.flange_pose(q[-1]).actInv(goal)).vector == pytest.approx(0, abs=1e-7)
-
-
-@pytest.mark.parametrize("speed_m_s", [0.02, 0.1, 0.25])
-def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
-    """From up to 250 mm/s the command stops within 125 ms, without a jump, on the goal's line."""
-    motion, move = MotionGenerator(ARM, HOME), np.array([0.0, 0.0, 0.24])
-    assert motion.start_pose(moved(move), Speed(mechanical_m_s=speed_m_s)) == ""
-    for _ in range(400):
-        motion.tick(DT_S)
-    motion.brake()
-    assert motion.state == "braking"
-    q = finish(motion)
-    assert motion.state == "idle"
-    assert (len(q) - 1) * DT_S <= 0.125
-    v = np.concatenate(([speed_m_s], flange_speeds_m_s(q)))
-    assert abs(np.diff(v)).max() / DT_S < 3.0
-    assert v[-1] == pytest.approx(0.0, abs=3e-3)
-    T = ARM.flange_pose(motion.q_command)
-    assert T.translation[:2] == pytest.approx(T_HOME.translation[:2], abs=1e-9)
-    assert np.array_equal(motion.tick(DT_S), q[-1])
-
-
-@pytest.mark.parametrize(
-    ("move", "words"),
-    [
-        ((0.0, 0.9, 0.0), "out of reach"),
-        ((0.0, -0.35, -0.377), "path"),
-        ((math.nan, 0, 0), "finite"),
-    ],
-)
-def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, words):
-    """The arm stays, and the reason names the place where it would have ended."""
-    motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_pose(moved(np.array(move)), Speed())
-    assert motion.state == "idle"
-    assert np.array_equal(motion.tick(DT_S), HOME)
-
-
-def test_a_far_streamed_pose_is_approached_no_faster_than_the_joints_can():
-    """The chase keeps every joint's speed limit and arrives."""
-    motion, far = MotionGenerator(ARM, HOME), moved(np.array([0.05, 0.0, 0.05]))
-    assert motion.setpoint(far) == ""
-    q = np.array([HOME] + [motion.tick(DT_S) for _ in range(100)])
-    assert joint_speed_share(q) == pytest.approx(1.0)
-    assert pin.log6(ARM.flange_pose(q[-1]).actInv(far)).vector == pytest.approx(0, abs=1e-9)
-
-
 def test_braking_a_stream_never_goes_beyond_its_last_pose():
     """An arrived stream stops at once; one that is behind ramps down before its last pose."""
     motion = MotionGenerator(ARM, HOME)
@@ -191,14 +104,3 @@ def test_braking_a_stream_never_goes_beyond_its_last_pose():
     heights = np.array([ARM.flange_pose(row).translation[2] for row in q])
     assert heights.max() <= far.translation[2] + 1e-6
     assert joint_speed_share(q) <= 1.0 + 1e-6
-
-
-@pytest.mark.parametrize(
-    ("goal_deg", "words"),
-    [((0, 0, -90, 0, -130, 0), "joint 5"), ((0, math.inf, 0, 0, 0, 0), "finite")],
-)
-def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
-    """The reason names the joint."""
-    motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), Speed())
-    assert motion.state == "idle"

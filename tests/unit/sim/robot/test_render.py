@@ -1,19 +1,15 @@
-"""Pictures of the cell: everything a reader should recognise is in them, or one clear error."""
+"""Pictures of the cell: sensor and force are in them, or there is one clear error."""
 
 import os
 import subprocess
 import sys
-from dataclasses import asdict
 
 import matplotlib.image
 import numpy as np
 import pytest
 
-from common.config.arm import arm_names, read_arm
 from sim.robot import render
-from sim.robot.arm import SimArm
 from sim.robot.render import RenderUnavailable, View, render_png
-from sim.robot.render_job import _camera
 from sim.robot.settings import SimSettings
 
 SETTINGS = SimSettings(tilt_deg=10.0)
@@ -43,14 +39,7 @@ def test_a_picture_shows_sensor_plate_and_force(tmp_path):
     assert with_force.shape == without.shape == (240, 320, 3)
     assert share_of(without, 2) > 0.001
     assert share_of(with_force, 0) > share_of(without, 0) + 0.001
-    assert green_share(without) > 0.002
     assert without.std() > 0.05
-
-
-def green_share(picture: np.ndarray) -> float:
-    """Return the share of pixels of the surface under the tool."""
-    red, green, blue = np.moveaxis(picture, 2, 0)
-    return float(((green > 1.3 * red) & (green > 1.3 * blue)).mean())
 
 
 @pytest.mark.parametrize("variable", ["MUJOCO_GL", "__EGL_VENDOR_LIBRARY_FILENAMES"])
@@ -62,17 +51,6 @@ def test_without_graphics_there_is_one_clear_error(tmp_path, monkeypatch, variab
     with pytest.raises(RenderUnavailable, match=r"no picture: .*libegl1"):
         render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
     assert not path.exists()
-
-
-def test_a_drawing_process_that_hangs_or_cannot_start_is_the_same_error(tmp_path, monkeypatch):
-    """Time-out and missing interpreter end like any other lack of graphics."""
-    path = tmp_path / "cell.png"
-    monkeypatch.setattr(render, "_TIMEOUT_S", 0.01)
-    with pytest.raises(RenderUnavailable, match="timed out"):
-        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    with pytest.raises(RenderUnavailable, match="No such file"):
-        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
 
 
 def test_physics_runs_where_the_graphics_library_is_broken():
@@ -90,27 +68,3 @@ def test_physics_runs_where_the_graphics_library_is_broken():
         check=False,
     )
     assert done.stdout.strip() == "nonsense", done.stderr
-
-
-@pytest.mark.parametrize("arm", arm_names())
-def test_the_camera_sees_the_whole_of_every_arm(arm):
-    """Every joint, the tool and the floor below the arm are inside of the picture."""
-    robot = SimArm(SimSettings(arm=arm, home_deg=read_arm(arm).home_deg), seed=0)
-    view = asdict(View())
-    camera = _camera(robot.data, view, robot.T_base_flange.translation)
-    azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
-    forward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
-    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
-    up = np.cross(right, forward)
-    floor = robot.data.geom("floor").xpos * (0.0, 0.0, 1.0)
-    for point in (*robot.data.xpos[1:], floor):
-        offset_m = point - (camera.lookat - camera.distance * forward)
-        half_height = np.tan(np.radians(robot.model.vis.global_.fovy) / 2.0) * (offset_m @ forward)
-        assert abs(offset_m @ up) < 0.95 * half_height
-        assert abs(offset_m @ right) < 0.95 * half_height * view["width_px"] / view["height_px"]

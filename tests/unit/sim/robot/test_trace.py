@@ -1,11 +1,11 @@
-"""The trace of the simulated arm: every tick, at once, and none where none was requested."""
+"""The trace of the simulated arm: every tick, at once."""
 
 import numpy as np
 
 from forcemesh.clock import ManualClock
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
-from sim.robot.trace import RECORD, VARIABLE, read_trace, trace_from_environment
+from sim.robot.trace import VARIABLE, read_trace, trace_from_environment
 
 
 def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
@@ -28,26 +28,3 @@ def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
     assert np.diff(records["at_ns"]).tolist() == [1_000_000, 1_000_000]
     assert records["command"][-1].tolist() == arm.q_command.tolist()
     assert np.array_equal(records["q"], joints)
-
-
-def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
-    """A user's cell leaves no trace; a missing trace reads as empty."""
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert trace_from_environment(SimArm(SimSettings(), seed=0), ManualClock()) is None
-    assert len(read_trace(tmp_path / "none")) == 0
-
-
-def test_a_half_written_record_of_a_killed_process_shifts_nothing(tmp_path, monkeypatch):
-    """The next process of the arm continues at a whole record."""
-    path = tmp_path / "trace"
-    path.write_bytes(b"x" * (2 * RECORD.itemsize + 7))
-    monkeypatch.setenv(VARIABLE, str(path))
-    arm = SimArm(SimSettings(), seed=0)
-    trace = trace_from_environment(arm, ManualClock())
-    assert trace is not None
-    arm.step()
-    trace.ticked()
-    trace.close()
-    records = read_trace(path)
-    assert len(records) == 3
-    assert records[-1]["tick"] == arm.ticks

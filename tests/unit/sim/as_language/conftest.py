@@ -10,21 +10,18 @@ from sim.as_language.errors import AsError
 from sim.as_language.lines import parse_line
 from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Namespace
-from sim.as_language.parser import parse
 from sim.as_language.values import Joints, Transformation, Value
 
 HERE = Transformation(1.0, 2.0, 3.0, 10.0, 20.0, 30.0)
 HERE_JOINTS = Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
 
 
-def standing_machine() -> MachineInterface:
-    """Return a controller at rest: only what expressions without effect read."""
-    return cast("MachineInterface", SimpleNamespace(
-        here=lambda: HERE,
-        here_joints=lambda: HERE_JOINTS,
-        transformation_of=lambda q: Transformation(*q.values),
-        has_program=lambda name: name == "main",
-    ))  # fmt: skip
+STANDING = cast("MachineInterface", SimpleNamespace(
+    here=lambda: HERE,
+    here_joints=lambda: HERE_JOINTS,
+    transformation_of=lambda q: Transformation(*q.values),
+    has_program=lambda name: name == "main",
+))  # fmt: skip
 
 
 class AsLanguage:
@@ -34,7 +31,7 @@ class AsLanguage:
         self.memory = Namespace()
         self.locals = Locals()
         self.globals = self.memory
-        self.machine = machine or standing_machine()
+        self.machine = machine or STANDING
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":
@@ -76,8 +73,3 @@ def statement(text: str) -> syntax.Statement:
     parsed = parse_line(text).statement
     assert parsed is not None
     return parsed
-
-
-def program(*lines: str) -> syntax.Program:
-    """Parse a program of these lines."""
-    return parse("\n".join([".PROGRAM p", *lines, ".END"])).programs["p"]

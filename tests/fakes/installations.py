@@ -1,6 +1,5 @@
 """Static readings of a sensor in a given installation, and the fixes of the findings."""
 
-import csv
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +8,11 @@ import numpy as np
 
 from bench.payload import CellErrors, attitudes, read, truth
 from common.config.payload import Payload
-from common.motion.frames import Array, Oat, R_from_oat, quaternion_from_R
+from common.motion.frames import Array, Oat, R_from_oat
 from identification.installation.terms import ExpectedInstallation, InstallationFinding
-from identification.recording import COLUMNS, Samples
+from identification.recording import Samples, WrenchAxes
 from identification.static_poses import carries_a_fit, sort_into_poses
+from tests.fakes.weights import write_recording
 
 EYE = np.eye(3)
 PAYLOAD = Payload(
@@ -59,15 +59,8 @@ def readings(
     """Return noisy static readings whose channels show `force` and `torque` of the load."""
     rng = np.random.default_rng(seed)
     if world is not None:
-        errors = truth(world, rng)
-        payload = errors.model_copy(
-            update={
-                "mass_kg": payload.mass_kg,
-                "com_m": payload.com_m,
-                "bias_force_N": payload.bias_force_N,
-                "bias_torque_Nm": payload.bias_torque_Nm,
-            }
-        )
+        own = payload.model_dump(include={"mass_kg", "com_m", "bias_force_N", "bias_torque_Nm"})
+        payload = truth(world, rng).model_copy(update=own)
     while True:
         time_s = np.linspace(0.0, 300.0, poses)
         samples = read(payload, attitudes(rng, poses), time_s, rng)
@@ -108,17 +101,6 @@ def apply_remedy(
     return replace(samples, force_N=after["F"], torque_Nm=after["M"]), of
 
 
-def recorded(
-    path: Path, wiring: Array = EYE, *, times: float = 1.0, base_axes: bool = False
-) -> Path:
+def recorded(path: Path, wiring: Array = EYE, wrench_axes: WrenchAxes = "sensor") -> Path:
     """Write readings of the demo's tool and a wired sensor as a recording; return its path."""
-    samples = readings(TRUTH, force=wiring, torque=wiring, poses=8)
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for k in range(len(samples)):
-            R = samples.R_base_sensor[k]
-            turn = R if base_axes else EYE
-            wrench = (*(times * turn @ samples.force_N[k]), *(turn @ samples.torque_Nm[k]))
-            writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
-    return path
+    return write_recording(path, readings(TRUTH, force=wiring, torque=wiring), wrench_axes)

@@ -86,16 +86,3 @@ def test_a_silent_cell_has_a_line_for_each_reading() -> None:
     without_pose = Cell()
     without_pose.put(topics.WRENCH, WRENCH)
     assert without_pose.lines()["force"].startswith("(0.00, 0.00, 12.00) N")
-
-
-def test_a_wrench_that_force_feedback_must_not_use_is_shown_with_the_reason(cell: Cell) -> None:
-    """The calibration line gives the reason; the force is still shown."""
-    fault = "no calibration"
-    cell.put(
-        topics.WRENCH,
-        WRENCH.replaced(calibrated=False, axes_checked=False, calibration_fault=fault),
-    )
-    lines = cell.lines(Health(numbers={"tare_age_h": 30.25}))
-    assert lines["calibration"] == (
-        "rev, tared, bias 30.2 h old, axes not checked, not for force feedback: no calibration"
-    )

@@ -28,16 +28,6 @@ def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path)
     assert "exists already" in again.stderr
 
 
-def test_show_distinguishes_values_of_the_file_and_defaults() -> None:
-    """Every value is listed by its path."""
-    values = json.loads(run("show", "--cell", DEMO, "--json").stdout)["values"]
-    cell = load_cell(DEMO)
-    assert values["cell"] == {"value": cell.cell, "from": "file"}
-    assert values["bus.insecure"] == {"value": False, "from": "default"}
-    assert values["limits.force_N"]["value"] == cell.limits.force_N
-    assert "limits.force_N" in run("show", "--cell", DEMO).stdout
-
-
 def test_show_does_not_print_a_token(tmp_path: Path) -> None:
     """A printed token is no longer secret."""
     path = tmp_path / "cell.yaml"

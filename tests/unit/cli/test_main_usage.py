@@ -54,13 +54,6 @@ def test_the_command_line_loads_no_models_of_messages() -> None:
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 0
 
 
-def test_help_explains_the_exit_codes() -> None:
-    """Scripts depend on them, so the help lists them."""
-    text = " ".join(run("--help").output.split())
-    for code, meaning in ((0, "success"), (2, "wrong usage"), (3, "refused"), (4, "no reply")):
-        assert f"{code} {meaning}" in text
-
-
 def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> None:
     """The list has exactly the rows of the table."""
     cell, table = load_cell(cell_file), json.loads(run("topics", "--json").stdout)

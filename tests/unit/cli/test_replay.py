@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,11 @@ from common.config.load import load_cell
 from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.clock import ManualClock
-from forcemesh.codec import decode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
 from launch.virtual_cell import VirtualCell
-from services.recorder.reading import RecordedBytes, RecordedFile, play
+from services.recorder.reading import RecordedFile, play
 from services.recorder.service import Recorder
 from tests.fakes.bench import DEMO
-
-MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
 
 
 @pytest.fixture(scope="module")
@@ -87,28 +83,6 @@ def test_a_replay_publishes_the_same_bytes_in_the_same_time(recording: Path) -> 
     assert clock.now_ns() - began_ns == recorded[-1].at_ns - recorded[0].at_ns
 
 
-def test_a_replay_as_another_cell_has_its_name_in_every_message(recording: Path) -> None:
-    """Readers of that cell accept them; only the topic has changed."""
-    recorded = list(RecordedFile(recording).raw_messages())[:200]
-    transport = RecordingTransport()
-    play(recorded, transport, "other", clock=ManualClock())
-    for each, (key, data) in zip(recorded, transport.published, strict=True):
-        header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
-        then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
-        assert key == header.topic
-        assert (header.replaced(topic=then.topic), message) == (then, before)
-
-
-@pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
-    """Distances are divided by the speed."""
-    recorded = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
-    clock = ManualClock()
-    began_ns = clock.now_ns()
-    play(recorded, RecordingTransport(), "demo", clock=clock, speed=speed)
-    assert clock.now_ns() - began_ns == pytest.approx(10**8 / speed, abs=10)
-
-
 def test_csv_has_a_file_for_each_topic_and_units_in_its_columns(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -157,17 +131,6 @@ def test_lerobot_columns_hold_state_wrench_and_action(
     assert table["next.done"][-1]
 
 
-def test_without_pyarrow_parquet_is_one_sentence(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It names the package and the option that works without it."""
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    code, _, err = run("export", recording, "--parquet", "-o", tmp_path)
-    assert code == 2
-    assert "needs the package pyarrow" in err
-    assert "--csv" in err
-
-
 def test_the_report_is_one_page_with_plots_stops_and_remedies(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -189,23 +152,6 @@ def test_the_report_is_one_page_with_plots_stops_and_remedies(
     assert text.count("src=") == 5
     assert "@import" not in text
     assert 'href="http' not in text
-
-
-def test_the_report_lists_the_requests_with_their_replies(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each with its time, its fields and who sent it; of many the last ones."""
-    page = tmp_path / "report.html"
-    run("report", recording, "-o", page, "--no-3d")
-    text = page.read_text(encoding="utf-8")
-    assert "<td>force/start</td><td>{&#34;mode&#34;:&#34;position&#34;" in text
-    assert "force feedback is on: mode position, set point 15 N, law plain, on the PC" in text
-    assert "without the first" not in text
-    monkeypatch.setattr("cli.report.page.MOST_LISTED", 1)
-    run("report", recording, "-o", page, "--no-3d")
-    text = page.read_text(encoding="utf-8")
-    assert "without the first 3" in text
-    assert "<td>force/start</td>" not in text
 
 
 def test_a_truncated_recording_is_shown_up_to_its_end(recording: Path, tmp_path: Path) -> None:

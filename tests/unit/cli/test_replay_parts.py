@@ -29,7 +29,6 @@ from tests.fakes.recorded_cell import PRESS, READY_S, Job, RecordedCell, recorde
 HOLD: Job = ((topics.HOLD, HoldRequest(), 0.2), (topics.CLEAR, Empty(), 0.2))
 ARM: Job = ((topics.ARM, ArmRequest(), 0.3),)
 START: Job = ((topics.FORCE_START, PRESS, 0.3),)
-STOP: Job = ((topics.FORCE_STOP, Empty(), 0.1),)
 
 
 def messages_of(path: Path) -> tuple[list[RecordedBytes], CellConfig]:
@@ -52,17 +51,6 @@ def differences(path: Path, role: str) -> int:
     return compared(part, replayed(messages, [part], cell)[role], messages[0].at_ns).count
 
 
-def test_a_regulator_repeats_why_the_last_session_ended(tmp_path: Path) -> None:
-    """It is published until the next start; the contact continues with its number."""
-    path = recorded_later(tmp_path, (*ARM, *START, *HOLD, *ARM, *HOLD), (*ARM, *START, *STOP))
-    part = recorded_part(messages_of(path)[0], "regulator")
-    assert part.state is not None
-    assert part.state.reason == "the arbiter is HOLDING"
-    assert part.contact is not None
-    assert part.contact.number >= 2
-    assert differences(path, "regulator") == 0
-
-
 def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
     """By the number in the health of the role; those in the recording are played.
 
@@ -81,17 +69,6 @@ def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
     old = Path(__file__).resolve().parents[2] / "corpus" / "recording-version-2.mcap"
     (note,) = recorded_part(list(RecordedFile(old).raw_messages()), "regulator").notes
     assert note == "recorded without requests: what they changed appears as a difference"
-
-
-def test_a_topic_that_did_not_exist_is_not_compared(tmp_path: Path) -> None:
-    """A recording of before the contact events is equal without them."""
-    path = recorded_later(tmp_path, (), (*ARM, *START, *STOP))
-    messages, cell = messages_of(path)
-    old = [each for each in messages if each.topic != "contact"]
-    part = recorded_part(old, "regulator")
-    found = compared(part, replayed(old, [part], cell)["regulator"], 0)
-    assert found.count == 0
-    assert "contact" not in found.totals
 
 
 @pytest.mark.parametrize(
@@ -163,22 +140,6 @@ def test_a_process_that_was_restarted_is_replayed_until_then(tmp_path: Path) -> 
     (note,) = recorded_part(messages_of(path)[0], "arbiter").notes
     assert note == "only until its process was restarted 1.600 s later"
     assert differences(path, "arbiter") == 0
-
-
-def test_a_process_that_starts_within_a_recording_is_replayed_from_then(tmp_path: Path) -> None:
-    """From its first message, with nothing left out."""
-    cell = RecordedCell(tmp_path)
-    cell.world.advance(READY_S)
-    cell.play(ARM)
-    cell.record("second")
-    cell.world.advance(0.5)
-    restart(cell)
-    cell.world.advance(READY_S)
-    path = cell.stop("second")
-    part = recorded_part(messages_of(path)[0], "arbiter")
-    assert part.state is None
-    assert part.compared_ns == part.begin_ns
-    assert part.own[0].header.seq == 1
 
 
 def test_a_message_that_cannot_be_decoded_is_a_difference(at_rest: Any) -> None:

@@ -105,14 +105,6 @@ def test_a_recorded_cell_is_replayed_byte_for_byte(
     assert ("its start" in out) == from_start
 
 
-def test_every_request_of_the_job_is_played(whole: Path) -> None:
-    """They are in the recording, and each service receives its own."""
-    for role, served in (("arbiter", 5), ("regulator", 3), ("wrench", 1)):
-        _, out, _ = run("replay", whole, "--to-service", role)
-        assert f" steps and {served} requests from 0.000 s" in out
-        assert f"{role}/requests: {served} recorded, {served} now: {served} equal" in out
-
-
 def test_a_changed_gain_is_shown_and_ends_the_verb_with_an_error(
     whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -234,12 +226,3 @@ def test_a_request_that_the_recording_cannot_hold_is_named(tmp_path: Path) -> No
     assert code == 1
     assert "note: not replayed: request/calibration of 30" in out
     assert "wrench/requests message: recorded published, now not published" in out
-
-
-def test_a_file_without_a_message_is_one_sentence(
-    whole: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A recording that was stopped before anything was received."""
-    monkeypatch.setattr(RecordedFile, "raw_messages", lambda _: iter(()))
-    code, _, err = run("replay", whole, "--to-service", "wrench")
-    assert (code, "contains no message" in err) == (2, True)

@@ -5,25 +5,18 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
 from cli.arm_readings import no_readings
 from cli.doctor.report import observe_cell
 from cli.status import DOWN, CellStatus, cell_status, describe_number, is_well
-from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell
 from forcemesh import topics
-from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import ArbiterStatus, Health, SensorWrench
-from launch.cell_view import CellView
 from launch.processes import Supervisor
 from launch.run_file import read_run
 from launch.sidecar import sidecars
@@ -129,37 +122,6 @@ def test_a_requested_hold_is_well_and_one_by_a_limit_is_not() -> None:
     assert not held_by("force")
 
 
-def put_health(bus: Bus) -> None:
-    """Publish once the messages of a healthy cell, except the sensor's health."""
-    for role in (role for role in topics.ROLES if role != "sensor"):
-        health = Health(pid=4711, rate_hz=250.0)
-        bus.playing(role).publisher(topics.HEALTH[role]).put(health)
-    bus.playing("arbiter").publisher(topics.ARBITER_STATUS).put(ArbiterStatus(state="IDLE"))
-
-
-def test_a_view_is_complete_when_every_role_has_published(cell: CellConfig) -> None:
-    """Readiness names exactly the missing topics; readings suffice for an external sensor."""
-    external = cell.model_copy(
-        update={"roles": cell.roles.model_copy(update={"sensor": "external"})}
-    )
-    with Supervisor(cell, processes=[HUB]), open_bus(cell, "arbiter") as bus:
-        client = bus.playing(topics.CLIENT)
-        view, external_view = CellView(client, cell), CellView(client, external)
-        sensor = bus.playing("sensor").publisher(topics.SENSOR_WRENCH)
-
-        def only_the_sensor_is_missing() -> bool:
-            put_health(bus)
-            return view.missing() == ["sensor/health missing"]
-
-        def nothing_is_missing() -> bool:
-            put_health(bus)
-            sensor.put(SensorWrench())
-            return not external_view.missing()
-
-        assert view.wait(only_the_sensor_is_missing, 20.0)
-        assert external_view.wait(nothing_is_missing, 20.0)
-
-
 def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> None:
     """Containers run it: 0 while the health of the role is fresh, 1 otherwise."""
     path = tmp_path / "cell.yaml"
@@ -178,8 +140,6 @@ def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> Non
 
 # --- numbers of a health message ------------------------------------------------------------------
 
-NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_fraction": 0.1}
-
 
 @pytest.mark.parametrize(
     ("name", "number", "words"),
@@ -193,38 +153,3 @@ NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_
 def test_the_suffix_of_a_name_is_its_unit(name: str, number: float, words: str) -> None:
     """Seconds as milliseconds, hertz as per second, fractions as percent."""
     assert describe_number(name, number) == words
-
-
-def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_path: Path) -> None:
-    """The table has one line below for each role with numbers; each row of --json has a map."""
-    path = tmp_path / "file.yaml"
-    path.write_text(dump_cell(cell))
-    with Supervisor(cell, path, processes=[HUB]), open_bus(cell, "robot") as bus:
-        publisher = bus.publisher(topics.HEALTH["robot"])
-        report = json.loads(output_of(publisher, ["status", "--json", "--cell", str(path)]))
-        text = output_of(publisher, ["status", "--cell", str(path)])
-    rows = {row["name"]: row["numbers"] for row in report["services"]}
-    assert rows["robot"] == NUMBERS
-    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"processor_fraction", "put_max_s"}
-    line = next(line for line in text.splitlines() if line.startswith("  robot: "))
-    assert line == (
-        "  robot: network round trip (median) 12.3 ms, monitor speed 10.0 %, "
-        "reports of the controller 40.0 /s"
-    )
-
-
-def output_of(publisher, words: list[str]) -> str:
-    """Run a verb while the robot publishes."""
-    stop = threading.Event()
-
-    def publish() -> None:
-        while not stop.wait(0.05):
-            publisher.put(Health(pid=1, numbers=NUMBERS))
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        return CliRunner().invoke(app, words).stdout
-    finally:
-        stop.set()
-        thread.join()

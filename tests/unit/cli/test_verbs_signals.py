@@ -8,8 +8,6 @@ import pytest
 from cli import verbs_signals
 from cli.context import NOT_WELL, OK, REFUSED, USAGE
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
-from tests.fakes.bench import DEMO
 from tests.fakes.signals import ALL_OFF, armed_with_signals
 from tests.fakes.verb_calls import run
 
@@ -33,16 +31,6 @@ def test_the_signals_are_listed_with_who_may_set_them() -> None:
     assert all(word in rows["lamp"] for word in ("output 10", "operator", "yes"))
     assert "input 1001" in rows["part"]
     assert json.loads(run("signals", "list", "--json").output) == ALL_OFF
-
-
-def test_a_signal_that_only_the_robot_has_is_listed_without_its_rights(
-    cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The cell file on this PC may be another one."""
-    monkeypatch.setattr(cell, "config", load_cell(DEMO))
-    (line,) = [line for line in run("signals", "list").output.splitlines() if "lamp" in line]
-    assert "operator" not in line
-    assert "off" in line
 
 
 def test_an_output_is_set_and_awaited(cell: ConfiguredCell) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.payload import WORLDS, CellErrors, compared, read, recording, trial, truth
+from bench.payload import WORLDS, CellErrors, attitudes, compared, read, recording, trial, truth
 from bench.payload_peers import lsm
 from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
@@ -15,22 +15,23 @@ from common.motion.weight import bias_since_end, residual
 from identification.excitation.pose_choice import next_pose
 from identification.identify import identify_payload
 from identification.least_squares import solve
-from identification.payload_model import (
-    Model,
-    jacobian,
-    residuals,
-    start_state,
-    updated_state,
-)
+from identification.payload_model import Model, jacobian, residuals, start_state, updated_state
 from identification.recording import Poses, Samples
-from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
+from tests.fakes.weights import QUICK, TRUTH, readings, seeds
 
 ALL = Model(tilt=True, mounting=True, gain=True, drift=2)
+CURVED = BiasDrift(
+    start_s=0.0,
+    end_s=600.0,
+    force_N=(3.0, -2.0, 1.0),
+    torque_Nm=(0.1, 0.05, -0.1),
+    force_bend_N=(1.0, -0.6, 0.5),
+)
 
 
 @QUICK
 @given(seed=seeds)
-def test_every_derivative_is_that_of_the_residual(seed):
+def test_every_derivative_is_that_of_the_residual(seed) -> None:
     """A small step of any unknown, from any state, changes the residual by minus J times it."""
     rng = np.random.default_rng(seed)
     samples = readings(TRUTH, attitudes(rng, 5), rng)
@@ -42,22 +43,20 @@ def test_every_derivative_is_that_of_the_residual(seed):
     np.testing.assert_allclose(change, -jacobian(state, samples, ALL) @ step, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [name for name in WORLDS if name != "no error"])
-@pytest.mark.parametrize("poses", [6, 10, 20])
-def test_with_a_model_error_at_most_seven_tenths_of_the_least_squares_error_remain(name, poses):
-    """Mean over a few random recordings, for force and torque at poses outside the fit."""
-    found, _ = compared(WORLDS[name], poses, 3)
-    assert (found["ours"].mean(axis=0) <= 0.7 * found["LSM-short"].mean(axis=0)).all()
+@pytest.mark.parametrize(
+    ("name", "most"), [(name, 1.03 if name == "no error" else 0.7) for name in WORLDS]
+)
+@pytest.mark.parametrize("poses", [6, 20])
+def test_at_most_seven_tenths_of_the_least_squares_error_remain(name, most, poses) -> None:
+    """Mean over a few random recordings, for force and torque at poses outside the fit.
+
+    Without a model error none is fitted: at most three per cent above plain least squares.
+    """
+    found, _ = compared(WORLDS[name], poses, 5 if name == "no error" else 3)
+    assert (found["ours"].mean(axis=0) <= most * found["LSM-short"].mean(axis=0)).all()
 
 
-@pytest.mark.parametrize("poses", [6, 10, 20])
-def test_without_a_model_error_none_is_fitted(poses):
-    """At most three per cent above plain least squares."""
-    found, _ = compared(CellErrors(), poses, 5)
-    assert (found["ours"].mean(axis=0) <= 1.03 * found["LSM-short"].mean(axis=0)).all()
-
-
-def test_standard_deviations_are_correct_also_for_tilt_and_mounting():
+def test_standard_deviations_are_correct_also_for_tilt_and_mounting() -> None:
     """Of 12 recordings' 180 numbers, 88 to 99 per cent are within two standard deviations."""
     found = [trial(CellErrors(1.0, 1.0), seed)[1] for seed in range(12)]
     z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
@@ -66,16 +65,15 @@ def test_standard_deviations_are_correct_also_for_tilt_and_mounting():
 
 @settings(QUICK, max_examples=4)
 @given(seed=seeds)
-def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
+def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed) -> None:
     """The formula with the hat matrix gives the same as a fit without the pose."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
     poses = Poses(train, np.ones(10), np.arange(10))
     left_out = solve(poses, Model(), start_state()).loo_residual
     for pose in range(10):
-        without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
         found = residual(
-            without,
+            lsm(train[np.setdiff1d(np.arange(10), [pose])]),
             train.R_base_sensor[pose],
             force_N=train.force_N[pose],
             torque_Nm=train.torque_Nm[pose],
@@ -83,19 +81,11 @@ def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
         np.testing.assert_allclose(left_out[:, pose], found, atol=1e-5)
 
 
-def test_a_curved_drift_is_identified():
-    """A warm-up drift is distinguished from a linear one, and explains the earlier readings."""
+def test_a_curved_drift_is_identified_with_the_bias_at_its_end() -> None:
+    """It explains the earlier readings too; later measurements need the newest bias."""
     rng = np.random.default_rng(5)
-    curved = BiasDrift(
-        start_s=0.0,
-        end_s=600.0,
-        force_N=(3.0, -2.0, 1.0),
-        torque_Nm=(0.1, 0.05, -0.1),
-        force_bend_N=(1.0, -0.6, 0.5),
-    )
-    train, others = recording(
-        truth(CellErrors(), rng).model_copy(update={"drift": curved}), 12, 40, rng
-    )
+    real = truth(CellErrors(), rng).model_copy(update={"drift": CURVED})
+    train, others = recording(real, 12, 40, rng)
     found = identify_payload(train)
     assert found.chosen.model.name == "curved drift"
     force, _ = residual(
@@ -106,37 +96,24 @@ def test_a_curved_drift_is_identified():
         time_s=others.time_s,
     )
     assert np.linalg.norm(force, axis=1).mean() < 0.05
-
-
-def test_the_bias_is_the_one_at_the_end_of_the_recording():
-    """Later measurements need the newest bias, not the mean one."""
-    rng = np.random.default_rng(8)
-    real = truth(WORLDS["drift 1 N, 50 mNm"], rng)
-    R, time_s = attitudes(rng, 12), np.linspace(0.0, 600.0, 12)
-    found = identify_payload(read(real, R, time_s, rng))
-    np.testing.assert_allclose(found.payload.bias_force_N, real.bias_force_N, atol=0.03)
-    assert found.payload.drift is not None
-    assert real.drift is not None
-    np.testing.assert_allclose(found.payload.drift.force_N, real.drift.force_N, atol=0.05)
+    straight = truth(WORLDS["drift 1 N, 50 mNm"], rng)
+    found = identify_payload(read(straight, attitudes(rng, 12), np.linspace(0.0, 600.0, 12), rng))
+    np.testing.assert_allclose(found.payload.bias_force_N, straight.bias_force_N, atol=0.03)
 
 
 @given(st.floats(0.0, 600.0))
-def test_after_the_recording_a_drift_continues_for_half_its_duration_then_stays_constant(ahead_s):
+def test_after_the_recording_a_drift_continues_for_half_its_duration_then_stays_constant(
+    ahead_s,
+) -> None:
     """Zero at the end, then linear, at most half of the drift again."""
-    drift = BiasDrift(
-        start_s=0.0,
-        end_s=600.0,
-        force_N=(3.0, 0.0, 0.0),
-        torque_Nm=(0.0, 0.3, 0.0),
-        force_bend_N=(1.0, 0.0, 0.0),
-    )
-    force, torque = bias_since_end(drift, np.array([600.0, 600.0 + ahead_s]))
+    force, torque = bias_since_end(CURVED, np.array([600.0, 600.0 + ahead_s]))
     assert force[0] == pytest.approx(np.zeros(3))
-    assert force[1, 0] == pytest.approx(3.0 * min(ahead_s / 600.0, 0.5))
-    assert torque[1, 1] == pytest.approx(0.3 * min(ahead_s / 600.0, 0.5))
+    share = min(ahead_s / 600.0, 0.5)
+    assert force[1] == pytest.approx(share * np.array(CURVED.force_N))
+    assert torque[1] == pytest.approx(share * np.array(CURVED.torque_Nm))
 
 
-def test_without_time_stamps_no_drift_is_fitted():
+def test_without_time_stamps_no_drift_is_fitted() -> None:
     """Readings without time, or all of one time, cannot show a drift."""
     samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))
     for time_s in (None, np.full(8, 3.0)):
@@ -144,23 +121,20 @@ def test_without_time_stamps_no_drift_is_fitted():
         assert not any(model.drift for model in models)
 
 
-def test_a_gain_common_to_all_axes_is_called_undetermined():
+def test_a_gain_common_to_all_axes_is_called_undetermined() -> None:
     """A sensor that reads 3 % more and a heavier tool give the same readings."""
     rng = np.random.default_rng(3)
-    found = identify_payload(
-        read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng)
-    )
+    real = truth(WORLDS["gain 3 %"], rng)
+    found = identify_payload(read(real, attitudes(rng, 12), np.arange(12.0), rng))
     assert found.chosen.model.gain
-    assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
     assert any(line.startswith("torque_gain") for line in found.undetermined)
-    gain = next(p for p in found.parameters if p.name == "force_gain.x")
-    bias = next(p for p in found.parameters if p.name == "bias_force_N.x")
-    assert gain.amplified > 3.0 * bias.amplified >= 3.0
+    amplified = {each.name: each.amplified for each in found.parameters}
+    assert amplified["force_gain.x"] > 3.0 * amplified["bias_force_N.x"] >= 3.0
 
 
 @settings(QUICK, max_examples=4)
 @given(seed=seeds, poses=st.integers(5, 10))
-def test_the_advised_pose_reduces_the_deviation_as_announced(seed, poses):
+def test_the_advised_pose_reduces_the_deviation_as_announced(seed, poses) -> None:
     """With the advised attitude in the same fit, the deviation falls to what was announced."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(CellErrors(), rng), poses, 0, rng)

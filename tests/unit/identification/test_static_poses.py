@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from bench.payload import attitudes
 from common.motion.frames import rotation_from_vector
 from identification.identify import identify_payload
 from identification.static_poses import (
@@ -17,7 +18,7 @@ from identification.static_poses import (
     angle,
     screen_samples,
 )
-from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
+from tests.fakes.weights import QUICK, TRUTH, readings, seeds
 
 ROWS = 20
 
@@ -116,12 +117,3 @@ def test_a_recording_that_never_rests_is_used_as_it_is():
     sweep = replace(samples[rows], time_s=np.arange(len(rows)) / 50.0)
     _, rejected = screen_samples(sweep)
     assert MOVING not in [r.reason for r in rejected]
-
-
-def test_first_rows_are_row_numbers_of_the_recording():
-    """After rows are left out, each pose keeps its first row in the recording."""
-    samples = dwells(np.random.default_rng(4))
-    force = samples.force_N.copy()
-    force[20:40] += 20.0
-    screened, _ = screen_samples(replace(samples, force_N=force))
-    assert screened.first_row.tolist() == [0, 40, 60, 80, 100, 120, 140]

@@ -24,15 +24,6 @@ CELLS = ROOT / "cells"
 PLAIN, TCP, SIM = (load_cell(CELLS / f"{name}.yaml") for name in ("demo-plain", "demo-tcp", "demo"))
 
 
-def test_our_protocol_has_the_program_that_ships() -> None:
-    """Unchanged, from the project's folder."""
-    text, start = program_of(TCP)
-    assert (text, start) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
-    assert program_file(TCP) == SHIPPED
-    assert not is_plain(TCP)
-    assert not is_plain(SIM)
-
-
 def test_protocol_plain_has_the_numbers_of_its_cell() -> None:
     """Scales, width, port and the tool centre point in the flange frame [mm]."""
     text, start = program_of(PLAIN)
@@ -53,6 +44,8 @@ def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monk
         write_program(cell)
     assert Path(program_file(PLAIN)).read_text(encoding="ascii") == program_of(PLAIN).text
     assert [path.name for path in tmp_path.iterdir()] == ["demo-plain-plain.as"]
+    assert program_of(TCP) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
+    assert (is_plain(PLAIN), is_plain(TCP), is_plain(SIM)) == (True, False, False)
 
 
 def test_the_command_prints_the_program_of_a_cell_file(capsys) -> None:

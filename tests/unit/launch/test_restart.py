@@ -150,35 +150,3 @@ def test_a_killed_process_is_restarted_and_the_run_file_keeps_its_exit(cell: Cel
         assert died_text(restart).startswith("robot: killed by SIGKILL at 2")
         assert not supervisor.died
     assert read_run(cell.cell) is None  # the run ended normally
-
-
-@pytest.mark.processes
-def test_a_process_that_always_exits_at_once_leaves_the_others_running(
-    cell: CellConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its restarts stop with a message; the others keep running, for status and the hold."""
-    monkeypatch.setattr("launch.restart.RESTART_PAUSE_S", 0.01)
-    output: list[str] = []
-    broken = "import sys; print('no sensor'); sys.exit(3)"
-    processes = [python("wrench", SLEEPER), python("robot", broken)]
-    with Supervisor(
-        cell, DEMO, processes=processes[:1], write_line=lambda _, line: output.append(line)
-    ) as supervisor:
-        supervisor.enable_restarts()
-        supervisor.begin(processes[1])
-
-        def is_given_up() -> bool:
-            supervisor.restart_exited()
-            return bool(supervisor.died)
-
-        until(is_given_up)
-        assert any("robot died 5 times within 60 s" in line for line in output)
-        assert any("exit code 3, no sensor" in line for line in output)
-        run = read_run(cell.cell)
-        assert run is not None
-        unaffected, exited = run.entry("wrench"), run.entry("robot")
-        assert unaffected is not None
-        assert unaffected.alive
-        assert exited is not None
-        assert exited.ended is not None
-        assert len(exited.deaths) == DEATH_LIMIT - 1

@@ -59,20 +59,35 @@ def test_a_run_round_trips() -> None:
     assert read_run("one") is None
 
 
-def test_a_file_that_is_no_run_file_is_ignored(folder: Path) -> None:
-    """A truncated file or a foreign one does not prevent the query."""
-    write_run(a_run("one"))
-    (folder / "two.json").write_text('{"cell": "two"')
-    (folder / "three.json").write_text("[]")
-    assert [run.cell for run in read_runs()] == ["one"]
-
-
-def test_live_runs_come_first_and_newer_ones_before_older_ones() -> None:
-    """The running cell is the default."""
+def test_live_runs_come_first_and_newer_ones_before_older_ones(folder: Path) -> None:
+    """The running cell is the default; a truncated file or a foreign one is ignored."""
     write_run(a_run("old", started_at="2026-01-01T00:00:00"))
     write_run(a_run("new", started_at="2026-01-02T00:00:00"))
     write_run(a_run("over", live=False, started_at="2026-01-03T00:00:00"))
+    (folder / "two.json").write_text('{"cell": "two"')
+    (folder / "three.json").write_text("[]")
     assert [run.cell for run in read_runs()] == ["new", "old", "over"]
+
+
+def test_the_runtime_folder_of_the_user_comes_first_the_temporary_one_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between them that of the checkout; runs in any are found; other users cannot write there."""
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    places = (
+        (tmp_path / "file", tmp_path / "none", tmp_path / f"forcemesh-{os.getuid()}"),
+        (tmp_path, tmp_path / "none", tmp_path / ".run"),
+        (tmp_path, tmp_path, tmp_path / "forcemesh"),
+    )
+    for number, (root, runtime, expected) in enumerate(places):
+        monkeypatch.setattr("launch.run_file.ROOT", root)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+        assert writable_folder() == expected
+        write_run(a_run(f"run{number}"))
+        assert expected.name == ".run" or expected.stat().st_mode & 0o077 == 0
+    assert {run.cell for run in read_runs()} == {"run0", "run1", "run2"}
 
 
 def test_a_process_is_alive_only_under_its_own_start_time() -> None:
@@ -103,19 +118,6 @@ def test_the_running_cell_is_the_default() -> None:
     write_run(a_run("up").model_copy(update={"cell_file": "up.yaml"}))
     assert find_cell_file(None, ended=True) == Path("up.yaml")
     assert find_cell_file(Path("named.yaml")) == Path("named.yaml")
-
-
-def test_a_folder_that_cannot_be_made_falls_back_to_the_temporary_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A read-only image still has run files; other users cannot write there."""
-    monkeypatch.delenv(FOLDER_VARIABLE)
-    (tmp_path / "file").touch()
-    monkeypatch.setattr("launch.run_file.ROOT", tmp_path / "file")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    folder = writable_folder()
-    assert folder.parent == tmp_path
-    assert folder.stat().st_mode & 0o077 == 0
 
 
 def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
@@ -179,20 +181,3 @@ def test_a_folder_that_another_user_can_change_is_neither_read_nor_written(
     assert read_runs() == []
     with pytest.raises(DataError, match=f"{folder}: .* user.*{FOLDER_VARIABLE}"):
         writable_folder()
-
-
-def test_the_runtime_folder_of_the_user_comes_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Then that of the checkout; runs in either are found."""
-    monkeypatch.delenv(FOLDER_VARIABLE)
-    monkeypatch.setattr("launch.run_file.ROOT", tmp_path)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
-    assert writable_folder() == tmp_path / ".run"
-    write_run(a_run("one"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    assert writable_folder() == tmp_path / "forcemesh"
-    assert (tmp_path / "forcemesh").stat().st_mode & 0o077 == 0
-    write_run(a_run("two"))
-    assert {run.cell for run in read_runs()} == {"one", "two"}

@@ -8,9 +8,7 @@ import pytest
 from cli import verbs_arm
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh import topics
 from forcemesh.errors import ArmStoppedError, RefusedError
-from forcemesh.requests import HoldRequest
 from tests.contract.rig import DEMO_CELL
 from tests.fakes.lab import BRAKE_S, Lab
 
@@ -79,13 +77,3 @@ def test_the_verb_names_a_next_step_that_is_accepted(monkeypatch, capsys) -> Non
         client.arm(within_s=0.0)
     assert refused.value.code == "payload"
     assert lab.status.clears.startswith("if in contact, arm for jog")
-
-
-def test_backing_off_without_contact_is_refused() -> None:
-    """The arm is free and held: already in the requested state."""
-    lab = Lab()
-    assert lab.ask(topics.HOLD, HoldRequest(reason="look")).accepted
-    lab.cell.advance(1.5)
-    with pytest.raises(RefusedError) as refused:
-        client_of(lab).back_off()
-    assert refused.value.code == "already"

@@ -84,15 +84,6 @@ def test_after_an_operator_takes_the_arm_a_program_is_refused_as_busy() -> None:
     lab.seconds_until(lambda: lab.status.commander == "program", 0.5)
 
 
-def test_a_person_takes_the_arm_from_a_program_over_tcp() -> None:
-    """The controller brakes the first move, and the second one begins at rest."""
-    lab = Lab(TCP)
-    assert move(lab, "program", z_m=0.1).accepted
-    lab.cell.advance(0.5)
-    hand_over(lab, "operator")
-    lab.finish_move(4.0)
-
-
 def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
     """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
     lab = Lab(TCP)

@@ -1,38 +1,22 @@
 """Moves in a whole cell on a virtual clock: arrival or a reason, and one commander."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_between
 from forcemesh import topics
 from forcemesh.messages import (
     PoseRecord,
     Speed,
 )
-from forcemesh.requests import Empty, HoldRequest, MoveRequest
-from tests.fakes.lab import BRAKE_S, Lab
+from forcemesh.requests import MoveRequest
+from tests.fakes.lab import Lab
 
 
 @pytest.fixture
 def lab() -> Lab:
     """An armed cell."""
     return Lab()
-
-
-def test_a_move_to_a_pose_arrives_there(lab: Lab) -> None:
-    """Position to a tenth of a millimetre, orientation to a milliradian; twice in a row."""
-    for shift in (partial(lab.target, z_m=0.03, x_m=0.02), partial(lab.target, y_m=-0.03)):
-        target = shift()
-        reply = lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target))
-        assert reply.accepted
-        lab.finish_move()
-        assert lab.state.goal.id == reply.value
-        T, T_target = pose_of(lab.state), pose_of(target)
-        assert T.translation == pytest.approx(T_target.translation, abs=1e-4)
-        assert np.linalg.norm(rotation_between(T.rotation, T_target.rotation)) < 1e-3
 
 
 def test_a_pose_that_the_joints_do_not_reach_is_refused_before_the_start(lab: Lab) -> None:
@@ -44,24 +28,6 @@ def test_a_pose_that_the_joints_do_not_reach_is_refused_before_the_start(lab: La
     lab.assert_still(0.3)
     assert lab.status.state == "ARMED"
     assert not lab.status.trips
-
-
-def test_hold_during_a_move_brakes_and_holds(lab: Lab) -> None:
-    """The arm stops during the move with the reason, and does not resume the goal."""
-    target = lab.target(z_m=0.1)
-    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target)).accepted
-    lab.cell.advance(0.5)
-    at_m = lab.p_m()
-    assert lab.ask(topics.HOLD, HoldRequest(reason="enough")).accepted
-    lab.cell.advance(BRAKE_S)
-    assert np.linalg.norm(lab.p_m() - at_m) < 0.01
-    lab.assert_still(0.5)
-    assert np.linalg.norm(lab.p_m() - np.array(target.position_m)) > 0.02
-    assert "enough" in lab.state.hold_reason
-    assert lab.state.goal.state == "refused"
-    assert lab.ask(topics.ARM, Empty()).accepted
-    lab.assert_still(0.5)
-    assert lab.status.state == "ARMED"
 
 
 def test_the_speed_setting_scales_the_duration_of_a_move(lab: Lab) -> None:

@@ -178,18 +178,6 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
     assert judge_presses(cell_with(), wirings) == 8 - aligned
 
 
-@pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (30.0, 90.0, 0.0), (30.0, 90.0, 90.0)])
-@pytest.mark.long
-def test_wirings_of_a_sensor_with_another_mounting(oat_deg) -> None:
-    """Six signs and permutations, with each sensor axis along the tool."""
-    mounting = {"position_m": [0.0, 0.0, 0.02], "oat_deg": oat_deg}
-    com_m = (0.0, 0.0, 0.0)
-    cell = cell_with(sensor__T_flange_sensor=mounting, sim__tool_com_m=com_m, payload__com_m=com_m)
-    eye = np.eye(3)
-    wirings = [eye, -eye, np.diag([-1.0, 1, 1]), np.diag([1.0, -1, 1]), np.diag([1.0, 1, -1])]
-    assert 2 <= judge_presses(cell, [*wirings, eye[[1, 2, 0]]]) <= 4
-
-
 @pytest.mark.parametrize("stiffness_N_m", [5e3, 1e5])
 def test_a_wrong_sign_on_soft_and_on_stiff_plates(stiffness_N_m: float) -> None:
     """The approach speed follows from the stiffness: 10 N and 2 mm hold for both."""

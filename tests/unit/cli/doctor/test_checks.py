@@ -26,7 +26,8 @@ FRESH = Reading(WELL, None, 0.1, "")
 SILENT = Reading(WELL, None, 3.0, "wrench/health stale", silent=True)
 FAULTY = Reading(WELL.replaced(fault="sensor/wrench stale"), None, 0.1, "")
 OTHER_FILE = Reading(WELL.replaced(config_hash="other"), None, 0.1, "")
-MISSING: Reading[Health] = Reading(None, None, 0.0, "wrench/health missing", silent=True)
+
+
 EXTERNAL = Reading(SensorWrench(), None, 0.1, "")
 
 EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
@@ -54,12 +55,10 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_scales(SCALES, SCALES.vec), "PASS", ""),
     (checks.check_scales(SCALES, (60, 500, 250, 100, 1000, 10)), "FAIL", "scales"),
     (checks.check_sender(40.0, 0.03, **RATE), "PASS", ""),
-    (checks.check_sender(37.0, None, **RATE), "PASS", ""),
     (checks.check_sender(35.0, 0.03, **RATE), "WARN", "sender.slow"),
     (checks.check_sender(9.0, 0.12, **RATE), "FAIL", "sender.stale"),
     (checks.check_sender(40.0, 0.2, **RATE), "WARN", "sender.gap"),
     (checks.check_sender(None, None, **RATE), "FAIL", "reports.none"),
-    (checks.check_sender(0.0, None, **RATE), "FAIL", "reports.none"),
     (checks.check_error_code(0), "PASS", ""),
     (checks.check_error_code(None), "WARN", "error.none"),
     (checks.check_error_code(-34024), "FAIL", "error.as"),
@@ -71,9 +70,6 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_monitor_speed(0.1), "WARN", "monitor speed.slow"),
     (checks.check_monitor_speed(0.0), "FAIL", "monitor speed.zero"),
     (checks.check_monitor_speed(None), "WARN", "error.none"),
-    (checks.check_monitor_speed(None, 50.0), "WARN", "error.none"),
-    (checks.check_monitor_speed(0.0, 50.0), "FAIL", "monitor speed.zero"),
-    (checks.check_monitor_speed(0.25, 50.0), "FAIL", "monitor speed.lower"),
     (checks.check_monitor_speed(0.48, 50.0), "FAIL", "monitor speed.lower"),
     (checks.check_monitor_speed(0.495, 50.0), "PASS", ""),
     (checks.check_monitor_speed(0.505, 50.0), "PASS", ""),
@@ -90,7 +86,6 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_role("wrench", FRESH, "this"), "PASS", ""),
     (checks.check_role("sensor", EXTERNAL, "this"), "PASS", ""),
     (checks.check_role("wrench", SILENT, "this"), "FAIL", "role.silent"),
-    (checks.check_role("wrench", MISSING, "this"), "FAIL", "role.silent"),
     (checks.check_role("wrench", FAULTY, "this"), "FAIL", "role.fault"),
     (checks.check_role("wrench", OTHER_FILE, "this"), "WARN", "role.config"),
     (checks.check_serial("FT1"), "PASS", ""),

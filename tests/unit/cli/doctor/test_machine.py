@@ -20,9 +20,7 @@ from cli.doctor.machine import (
     check_processor,
     check_stream_of,
     check_versions,
-    is_local,
     listen,
-    machine_lines,
     realtime_limit,
     sensor_line,
 )
@@ -137,19 +135,6 @@ def test_each_finding_has_its_result_and_its_remedy(
     """A line that passes or is skipped has no remedy, every other line has one."""
     assert (line.result, line.remedy) == (word, REMEDIES[remedy] if remedy else "")
     assert line.found
-
-
-@pytest.mark.realtime
-def test_a_listener_on_the_port_of_the_hub_is_detected() -> None:
-    """The check binds the port, without contacting any process."""
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
-        cell = load_cell(CELLS / "demo.yaml", {"bus.endpoint": where})
-        words = {line.check: line.result for line in machine_lines(cell, is_up=False)}
-    assert list(words) == ["versions", "clock", "real-time priority", "ports", "calibration"]
-    assert words["ports"] == "FAIL"
-    assert is_local("127.0.0.1")
-    assert not is_local("labpc.example")
 
 
 def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(

@@ -10,7 +10,7 @@ import pytest
 from cli.probe.fingerprint import fingerprint
 from cli.probe.readings import ProbeReadings
 from cli.probe.stages import Found
-from common.config.probe import ProbeFile, ProbeResult
+from common.config.probe import ProbeFile
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -43,18 +43,6 @@ def test_what_was_not_measured_is_null_with_a_reason(stages: list[str]) -> None:
     assert (file.measured_at, file.controller, file.address) == (NOW, "F60", "h:1")
     reasons = {result.why for result in file.results.values()}
     assert ("stage c was not run to its end" in reasons) is ("c" not in stages)
-
-
-def test_readings_have_their_units_and_refused_lines_their_code() -> None:
-    """A line that became a comment on LOAD has none."""
-    still = readings(steps__alone_hz=2000.0, mspeed=50.0, tool_mm=1.5, task__1=0.0)
-    still.failed = {"switch.x": -10116, "switch.y": 0}
-    results = file_of(Found(["a"], still=still)).results
-    units = {name: results[name].unit for name in still.numbers}
-    assert units == {"steps.alone_hz": "Hz", "mspeed": "%", "tool_mm": "mm", "task.1": ""}
-    assert results["behaviour.step_s"] == ProbeResult(value=0.0005, unit="s")
-    assert "error -10116" in results["switch.x"].why
-    assert "LOAD" in results["switch.y"].why
 
 
 @pytest.mark.parametrize(("count", "cell", "emulator"), [(6, 6, 4), (12, 10, 4)])

@@ -75,23 +75,6 @@ def test_a_command_is_answered_over_a_socket() -> None:
         link.close()
 
 
-@pytest.mark.parametrize(("end", "expected"), [("close", b""), ("reset", None)])
-def test_a_connection_ends_as_asked(end: str, expected: bytes | None) -> None:
-    """FIN is an end of the stream, RST an error."""
-    ends: list[bytes | None] = []
-
-    def watch(connection: socket.socket) -> None:
-        echo(connection)
-        try:
-            ends.append(connection.recv(100))
-        except ConnectionResetError:
-            ends.append(None)
-
-    with served(watch) as port:
-        getattr(opened(port).wire, end)()
-    assert ends == [expected]
-
-
 def test_a_port_without_a_listener_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the remedy; also where the client would connect to itself."""
     monkeypatch.setattr(probe_link, "LINK_WITHIN_S", 0.6)
@@ -113,23 +96,6 @@ def test_a_port_without_a_listener_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(socket, "socket", ToItself)
     with pytest.raises(ProbeError, match="nothing listens on port"):
         opened(1)
-
-
-def test_a_host_that_does_not_reply_is_given_up_in_time() -> None:
-    """Each attempt takes its whole time-out there, as with a wrong address."""
-    now_s = 0.0
-
-    def wait(duration_s: float) -> None:
-        nonlocal now_s
-        now_s += duration_s
-
-    def dial() -> SocketWire:
-        wait(probe_link.ATTEMPT_S)
-        raise TimeoutError("timed out")
-
-    with pytest.raises(ProbeError, match="here: no connection: timed out"):
-        ProbeLink(dial, "here", wait, lambda: now_s)
-    assert now_s <= probe_link.LINK_WITHIN_S + probe_link.ATTEMPT_S + probe_link.PAUSE_S
 
 
 # --- replies --------------------------------------------------------------------------------------

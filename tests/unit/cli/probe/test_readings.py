@@ -84,18 +84,6 @@ def test_delay_and_lag_come_back_from_a_trace(delay_s: float, lag: float, ramp: 
     assert found_s == pytest.approx(lag, rel=0.06, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    "given_samples",
-    [[], [(0.0, 2.0)] * 3, [(0.1 * k, 3.5 - 0.1 * k) for k in range(20)]],
-    ids=["none", "few", "backwards"],
-)
-def test_a_trace_that_shows_no_motion_gives_nothing(
-    given_samples: list[tuple[float, float]],
-) -> None:
-    """Too few samples in the middle, or an arm that moves in the other direction."""
-    assert trace_of(given_samples, TRAVEL_MM) is None
-
-
 @given(st.floats(0.001, 0.5), st.floats(2.0, 20.0))
 def test_the_ramp_comes_back_from_two_motions(ramp: float, slower: float) -> None:
     """Also where the speed is not reached."""

@@ -7,7 +7,7 @@ import pytest
 
 from cli.probe.link import ProbeError, ProbeLink
 from cli.probe.readings import ProbeReadings
-from cli.probe.stages import Found, middle_round_trip_s, stage_a, stage_b, stage_c
+from cli.probe.stages import Found, middle_round_trip_s, stage_b, stage_c
 from sim.controller.behaviour import Behaviour
 from tests.fakes.probed_controller import ProbedController
 
@@ -54,12 +54,6 @@ def planner(least_s: float, slowest_s: float = 0.0) -> Reply:
         return {"segs.code": code, "segs.each_s": max(asked_s, slowest_s)}
 
     return reply
-
-
-def test_a_program_that_has_not_finished_stage_a_is_refused() -> None:
-    """Its values would be those of another run."""
-    with pytest.raises(ProbeError, match="stage a has not finished"):
-        stage_a(cast("ProbeLink", Scripted(lambda _: {"probe": 1.0})), Found())
 
 
 # --- stage b --------------------------------------------------------------------------------------
@@ -156,11 +150,3 @@ def test_stage_c_ends_with_the_reason(word: str, values: dict[str, float], words
         stage_c(cast("ProbeLink", link), found, lambda _: None)
     assert found.stages == []
     assert link.commands[-1] == ("go" if word == "go" else "stay")
-
-
-def test_a_command_that_moves_nothing_ends_stage_c() -> None:
-    """The program replies with no value when it is not permitted to move."""
-    usual = planner(0.0)
-    link = Scripted(lambda text: usual(text) if text == "go" else {})
-    with pytest.raises(ProbeError, match="`first`: it is not permitted any more"):
-        stage_c(cast("ProbeLink", link), Found(), lambda _: None)

@@ -85,18 +85,6 @@ def test_what_was_measured_before_a_failure_is_written(
     assert read_probe(out).stages == ("a", "b")
 
 
-def test_a_program_of_another_version_is_refused(
-    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nothing is written."""
-    connected(monkeypatch, TEXT.replace('$fp.n="probe"\n  fp.v=1', '$fp.n="probe"\n  fp.v=2'))
-    out = tmp_path / "probe.yaml"
-    done = run("probe", "--cell", cell_file, "--out", out)
-    assert done.exit_code == NOT_WELL
-    assert "load this version's fmprobe.as" in done.output
-    assert not out.exists()
-
-
 @pytest.mark.parametrize(("to", "stages"), [("a", ("a",)), ("b", ("a", "b"))])
 def test_the_last_stage_can_be_chosen(
     to: str, stages: tuple[str, ...], cell_file: Path, tmp_path: Path,
@@ -131,18 +119,6 @@ def test_an_interruption_closes_the_connection(
     controller.advance(1.0)
     assert controller.machine.memory.read("fp.go") == 0
     assert not out.exists()
-
-
-def test_a_controller_that_is_not_there_is_an_error(
-    cell_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With its address and the remedy."""
-    monkeypatch.setattr("cli.probe.link.LINK_WITHIN_S", 0.2)
-    cell_file.write_text(cell_file.read_text().replace("port: 49152", "port: 8193"))
-    done = run("probe", "--cell", cell_file)
-    assert done.exit_code == NOT_WELL
-    assert "127.0.0.1:8193: no connection" in done.output
-    assert "EXECUTE fp.main" in done.output
 
 
 @pytest.mark.parametrize("missing", ["folder", "right"])

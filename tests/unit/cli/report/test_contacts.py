@@ -4,9 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
 from cli.report.contacts import ContactLog, contact_table
 from cli.report.data import report_content
 from forcemesh import topics
@@ -62,18 +60,6 @@ def test_the_states_of_a_job_are_read_back(recording: Path) -> None:
         assert before.peak_N == after.before_peak_N
         if before.duration_s > 0.06 and before.number > 1:
             assert next_s - began_s == pytest.approx(before.duration_s, abs=0.06)
-
-
-def test_the_report_lists_them(recording: Path, tmp_path: Path) -> None:
-    """A row for each state, with figures only where they have a meaning."""
-    page = tmp_path / "report.html"
-    done = CliRunner().invoke(app, ["report", str(recording), "-o", str(page), "--no-3d"])
-    assert done.exit_code == 0
-    text = page.read_text(encoding="utf-8")
-    table = text.partition("<h2>Contact events</h2>")[2].partition("</table>")[0]
-    places = [table.index(f">{state}<") for state in ("approach", "impact", "sliding", "lost")]
-    assert places == sorted(places)
-    assert table.count("<tr>") >= 1 + len(JOB)
 
 
 def test_a_message_repeats_a_state_and_the_next_state_completes_it() -> None:

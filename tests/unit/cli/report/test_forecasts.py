@@ -9,11 +9,8 @@ import pytest
 from cli.report.data import ReportContent, StopEvent
 from cli.report.forecasts import (
     PressForce,
-    PressRow,
     forecast_rows,
-    lines_of,
     measured_press,
-    moving_mean,
     presses_of,
     rows_of,
     section_of,
@@ -26,7 +23,6 @@ from services.recorder.reading import RecordedFile
 from tests.fakes import verb_calls
 from tests.fakes.bench import CELL
 from tests.fakes.recorded_cell import Job, recorded_from_start
-from tuning.force_map import Interval
 
 SETPOINT_N = 15.0
 START = '{"mode": "position", "host": "pc", "setpoint_N": 15.0, "law": "plain"}'
@@ -117,14 +113,6 @@ def test_settling_and_peak_are_counted_from_the_first_touch() -> None:
     assert peak_N == pytest.approx(SETPOINT_N, abs=0.01)
 
 
-@pytest.mark.parametrize(("final_N", "peak_N"), [(0.5, None), (9.0, 9.0)])
-def test_a_press_that_does_not_settle_has_no_settling(final_N: float, peak_N: float | None) -> None:
-    """Without a touch there is no peak either."""
-    t_s = np.arange(0.0, 3.0, 0.002)
-    found = measured_press(t_s, approach(t_s, final_N), SETPOINT_N)
-    assert found == (None, peak_N if peak_N is None else pytest.approx(peak_N, abs=0.01))
-
-
 def rows(force: Array, t_s: Array, payload: str = START, path_s: float | None = None) -> Any:
     """Return the rows of a press with a force."""
     requests = [(0.0, served(topics.FORCE_START.key, payload))]
@@ -161,23 +149,3 @@ def test_a_press_outside_of_the_map_shows_what_was_measured() -> None:
     assert "no forecast for mode both" in settles.texts[-1]
     assert settles.measured is not None
     assert fed.forecast is None
-
-
-def test_the_moving_mean_is_of_the_last_samples() -> None:
-    """Of 8 ms; a constant stays."""
-    t_s = np.arange(0.0, 1.0, 0.004)
-    assert moving_mean(t_s, np.full(len(t_s), 3.0)) == pytest.approx(3.0)
-    step = moving_mean(t_s, (t_s >= 0.5).astype(float))
-    assert step[t_s >= 0.512] == pytest.approx(1.0)
-    assert 0.0 < step[np.searchsorted(t_s, 0.5)] < 1.0
-
-
-def test_verdicts_name_the_side() -> None:
-    """Below, within and above; without a forecast or a measurement its remark."""
-    texts = [
-        PressRow(1.0, "peak", "N", Interval(2.0, 4.0), value).texts[-1] for value in (1.0, 3.0, 5.0)
-    ]
-    assert texts == ["below the forecast", "as forecast", "above the forecast"]
-    assert lines_of([PressRow(1.0, "peak", "N", None, 3.0)]) == [
-        "press at 1.00 s, peak: forecast -, measured 3 N"
-    ]

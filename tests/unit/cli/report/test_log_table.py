@@ -49,29 +49,15 @@ def test_anything_else_is_no_number(cell: object) -> None:
         number_in(cell)
 
 
-def test_text_in_a_number_column_is_named_with_line_and_column(tmp_path: Path) -> None:
-    """The number of the line is that of an editor."""
-    with pytest.raises(
-        DataError, match=r"log.csv: line 4, column 'fz': 'high' is not a number within"
-    ):
-        read_numbers(table(tmp_path, "t,fz\n0,1\n# c\n1,high\n"), ("t", "fz"))
-
-
-def test_a_missing_column_and_a_column_that_occurs_twice_are_named(tmp_path: Path) -> None:
-    """With the list of the columns."""
-    log = table(tmp_path, "t,fz,fz\n0,1,2\n")
-    with pytest.raises(DataError, match=r"column 'fx' is missing; the columns are: t, fz, fz"):
-        read_numbers(log, ("t", "fx"))
-    with pytest.raises(DataError, match=r"column 'fz' occurs twice; the columns are: t, fz, fz"):
-        read_numbers(log, ("t", "fz"))
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("", "the file is empty: the first line must name the columns"),
         ("0,1\n1,2\n", "line 1 has only numbers: a header line must name the columns"),
         ("t,fz\n0,1\n1\n", "line 3 has 1 values, the header has 2 columns"),
+        ("t,fz\n0,1\n# c\n1,high\n", "log.csv: line 4, column 'fz': 'high' is not a number within"),
+        ("t,fx\n0,1\n", "column 'fz' is missing; the columns are: t, fx"),
+        ("t,fz,fz\n0,1,2\n", "column 'fz' occurs twice; the columns are: t, fz, fz"),
     ],
 )
 def test_a_file_without_header_or_with_a_short_line_is_refused(

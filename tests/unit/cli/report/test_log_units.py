@@ -19,12 +19,9 @@ from forcemesh.errors import DataError
     ("symbol", "quantity", "factor"),
     [
         ("lbf", FORCE, 4.44822),
-        ("kgf", FORCE, 9.80665),
         ("lbf-in", TORQUE, 0.112985),
-        ("lbf-ft", TORQUE, 1.355818),
         ("Nmm", TORQUE, 0.001),
         ("us", TIME, 1e-6),
-        ("min", TIME, 60.0),
     ],
 )
 def test_factors_are_those_of_the_tables(symbol: str, quantity: str, factor: float) -> None:
@@ -42,6 +39,12 @@ def test_units_are_named_in_any_order_and_spelling() -> None:
         FORCE: "kN",
     }
     assert named_units("") == {}
+    for text, sentence in (
+        ("s,ms", "--units: s and ms are both units of time"),
+        ("newton", "unknown unit 'newton': choose from N, mN, kN"),
+    ):
+        with pytest.raises(DataError, match=sentence):
+            named_units(text)
     assert all(named_units(symbol) == {unit.quantity: unit} for symbol, unit in UNITS.items())
 
 
@@ -49,14 +52,11 @@ def test_units_are_named_in_any_order_and_spelling() -> None:
     ("name", "quantity", "symbol"),
     [
         ("Fz [N]", FORCE, "N"),
-        ("Fz (lbf)", FORCE, "lbf"),
         ("time_ms", TIME, "ms"),
         ("force_N.x", FORCE, "N"),
         ("torque_Nm.z", TORQUE, "Nm"),
-        ("Mz [N·m]", TORQUE, "Nm"),
         ("fz", FORCE, None),
         ("t_s", FORCE, None),
-        ("force_z", FORCE, None),
     ],
 )
 def test_a_unit_is_found_at_the_end_of_a_name(name: str, quantity: str, symbol: str | None) -> None:
@@ -66,13 +66,9 @@ def test_a_unit_is_found_at_the_end_of_a_name(name: str, quantity: str, symbol: 
 
 
 def test_named_units_precede_those_of_the_columns_and_these_the_defaults() -> None:
-    """An unknown unit, and different ones of one quantity, are refused."""
+    """Different units of one quantity are refused."""
     assert unit_of_columns(["fx [kN]"], FORCE, named_units("lbf")).symbol == "lbf"
     assert unit_of_columns(["fx [kN]", "fy"], FORCE, {}).symbol == "kN"
     assert unit_of_columns(["fx"], FORCE, {}) == DEFAULTS[FORCE]
     with pytest.raises(DataError, match=r"columns of force have the units N and kN: name one in"):
         unit_of_columns(["fx [kN]", "fy [N]"], FORCE, {})
-    with pytest.raises(DataError, match=r"--units: s and ms are both units of time"):
-        named_units("s,ms")
-    with pytest.raises(DataError, match=r"unknown unit 'newton': choose from N, mN, kN"):
-        named_units("newton")

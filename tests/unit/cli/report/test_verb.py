@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -121,18 +120,6 @@ def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> Non
     assert judged(path, "--time", "log_time_s")["sampling"]["largest_jitter_s"] > 1e-4
 
 
-def test_a_constant_force_has_a_page_without_peaks(tmp_path: Path) -> None:
-    """Its density is zero, which has no logarithm; ten steady samples have no figures."""
-    constant = {"t": times(1.0), "fz": np.full(500, 3.0)}
-    assert run(write_csv(tmp_path / "log.csv", constant))[0] == OK
-    page = (tmp_path / "log.html").read_text(encoding="utf-8")
-    assert "No frequency stands out from the noise." in page
-    aimed = setpoint_at(times(0.04), 1.0, 0.02)
-    short = {"t": times(0.04), "fz": aimed, "setpoint": aimed}
-    assert judged(write_csv(tmp_path / "b.csv", short))["segments"][1]["ripple_rms"] is None
-    assert run(tmp_path / "b.csv")[0] == OK
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -167,16 +154,6 @@ def test_a_recording_keeps_its_report_and_takes_no_columns(tmp_path: Path) -> No
     code, out, error = run(RECORDING, "--topic", "wrench", "--force", forces, "-o", page)
     assert code == OK, error
     assert "judged: force_N." in out
-
-
-def test_a_file_that_is_neither_is_refused_with_the_kinds(tmp_path: Path) -> None:
-    """By its content where that is known, else by its name."""
-    table = tmp_path / "log.xlsx"
-    table.write_bytes(b"PK\x03\x04")
-    assert "is a spreadsheet or a zip file; save it as CSV" in run(table)[2]
-    code, _, error = run(__file__)
-    assert code == USAGE
-    assert "test_verb.py: not a recording, or truncated; a log of another robot is .csv" in error
 
 
 def test_foreign_text_is_no_markup_on_the_page(tmp_path: Path) -> None:

@@ -128,25 +128,36 @@ def test_a_mounting_angle_is_identified_within_a_degree(turn_deg, axis, wiring, 
     assert again.evidence["turned_deg"] < 1.0
 
 
-def test_a_mounting_error_of_a_few_degrees_passes_and_is_reported() -> None:
-    """The calibration finds and corrects it."""
-    shown = oat_matrix((4.0, 0.0, 0.0))
-    found = judge_installation(readings(force=shown, torque=shown), belief())
-    assert found.verdict == "right"
-    assert any("4.0 degrees off" in line for line in found.unidentified)
-
-
-def test_angles_in_radians_in_the_cell_file_are_recognised() -> None:
-    """30 degrees written as 0.5236: the finding names the unit and gives the angles to write."""
-    wrong = (0.5236, 0.0, 0.0)
-    recorded = readings()
-    turned = recorded.R_base_sensor @ oat_matrix((30.0, 0.0, 0.0)).T @ oat_matrix(wrong)
-    found = judge_installation(replace(recorded, R_base_sensor=turned), belief(oat_deg=wrong))
-    assert "oat_deg [0.5236, 0.0, 0.0] is in radians" in found.findings[0].text
-    assert found.findings[0].remedy == "write sensor.T_flange_sensor.oat_deg: [0, 0, 30]"
-
-
 # --- what weight alone cannot determine -----------------------------------------------------------
+
+
+def with_com(*com_m: float) -> Payload:
+    """Return the usual payload with another centre of mass."""
+    return PAYLOAD.model_copy(update={"com_m": com_m})
+
+
+ALONG_Z, NO_LEVER = with_com(0.0, 0.0, 0.055), with_com(0.0, 0.0, 0.0)
+LEANING = oat_matrix((4.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("recorded", "expected", "remark"),
+    [
+        (readings(force=LEANING, torque=LEANING), belief(), "4.0 degrees off"),
+        (readings(ALONG_Z), belief(ALONG_Z), "the sign of Mz"),
+        (readings(NO_LEVER), replace(belief(NO_LEVER), com_m=None), "the torques, for the tool's"),
+        (
+            readings(torque=-EYE),
+            replace(belief(), com_m=None, p_flange_tcp_m=None),
+            "whether the torques are all reversed",
+        ),
+    ],
+)
+def test_what_is_not_determined_passes_and_is_reported(recorded, expected, remark) -> None:
+    """A mounting error of a few degrees, which a calibration corrects; torques of a short lever."""
+    found = judge_installation(recorded, expected)
+    assert found.verdict == "right"
+    assert any(remark in line for line in found.unidentified)
 
 
 def test_a_sensor_of_reactions_and_a_hanging_arm_give_the_same_readings() -> None:
@@ -162,32 +173,12 @@ def test_a_sensor_of_reactions_and_a_hanging_arm_give_the_same_readings() -> Non
 
 
 def test_reversed_torques_are_identified_only_by_the_side_of_the_tool() -> None:
-    """-M with -c reads the same as M with c: unidentified unless tool or lever is known."""
+    """-M with -c reads the same as M with c: the known tool or lever decides."""
     recorded = readings(torque=-EYE)
-    unknown = replace(belief(), com_m=None, p_flange_tcp_m=None)
-    found = judge_installation(recorded, unknown)
-    assert found.verdict == "right"
-    assert any("whether the torques are all reversed" in line for line in found.unidentified)
     for known in (belief(), replace(belief(), com_m=None), replace(belief(), p_flange_tcp_m=None)):
         (finding,) = judge_installation(recorded, known).findings
         assert finding.code == "torque_axes"
         assert "torques are all reversed" in finding.text
-
-
-def test_a_tool_that_differs_from_the_cell_file_is_not_a_reversed_torque() -> None:
-    """The previous tool's centre of mass was on another side: an agreeing tip is enough."""
-    before = replace(belief(), com_m=np.array([-0.02, 0.03, -0.04]))
-    found = judge_installation(readings(), before)
-    assert [finding.kind for finding in found.findings] == ["payload"]
-    assert judge_installation(readings(), before).rejection_reason is None
-
-
-def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
-    """Its moment about z never changes: reported as unidentified, without a finding."""
-    payload = PAYLOAD.model_copy(update={"com_m": (0.0, 0.0, 0.055)})
-    found = judge_installation(readings(payload), belief(payload))
-    assert found.verdict == "right"
-    assert any("the sign of Mz" in line for line in found.unidentified)
 
 
 def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
@@ -197,34 +188,6 @@ def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
     expected = replace(belief(), com_m=wiring @ np.array(PAYLOAD.com_m), p_flange_tcp_m=None)
     found = judge_installation(recorded, expected)
     assert [finding.code for finding in found.findings] == ["mounting"]
-
-
-def test_a_tool_without_a_lever_leaves_the_torques_unidentified() -> None:
-    """The forces are still judged."""
-    payload = PAYLOAD.model_copy(update={"com_m": (0.0, 0.0, 0.0)})
-    found = judge_installation(readings(payload), replace(belief(payload), com_m=None))
-    assert found.verdict == "right"
-    assert any(line.startswith("the torques, for the tool's moment") for line in found.unidentified)
-    turned = judge_installation(
-        readings(payload, force=TURNS[2], torque=TURNS[2]), replace(belief(payload), com_m=None)
-    )
-    assert turned.findings[0].code == "mounting"
-    assert "if the torques are rotated too" in turned.findings[0].remedy
-
-
-@pytest.mark.parametrize("spread_deg", [0.0, 2.0])
-def test_similar_poses_give_no_verdict(spread_deg) -> None:
-    """The verdict is "cannot tell", with a remedy; a calibration from them is refused."""
-    rng = np.random.default_rng(3)
-    recorded = readings(poses=12)
-    alike = np.array(
-        [oat_matrix(tuple(rng.uniform(-spread_deg, spread_deg, 3))) for _ in range(12)]
-    )
-    weight = alike.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
-    noise = 0.01 * rng.normal(size=(12, 3))
-    found = replace(recorded, R_base_sensor=alike, force_N=weight + noise)
-    assert judge_installation(found, belief()).verdict == "cannot tell"
-    assert "turn the wrist" in (judge_installation(found, belief()).rejection_reason or "")
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
@@ -241,19 +204,12 @@ def test_rotations_about_one_axis_leave_a_mirrored_wiring_possible(oat_deg, tilt
     found = judge_installation(recorded, belief())
     assert found.verdict == "cannot tell"
     assert found.findings[0].code == "poses"
+    assert "turn the wrist" in (found.rejection_reason or "")
 
 
-def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
-    """Usual errors of gain, tilt, mounting and drift, in many cells: no rejection."""
-    for seed in range(20):
-        recorded = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
-        assert judge_installation(recorded, belief()).rejection_reason is None, seed
-
-
-@pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])
-def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly(mass_kg) -> None:
+def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly() -> None:
     """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
-    payload = PAYLOAD.model_copy(update={"mass_kg": mass_kg})
+    payload = PAYLOAD.model_copy(update={"mass_kg": 0.15})
     for seed in range(10):
         right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
         found = judge_installation(right, belief(payload))

@@ -113,25 +113,6 @@ def test_after_the_recording_a_drift_continues_for_half_its_duration_then_stays_
     assert torque[1] == pytest.approx(share * np.array(CURVED.torque_Nm))
 
 
-def test_without_time_stamps_no_drift_is_fitted() -> None:
-    """Readings without time, or all of one time, cannot show a drift."""
-    samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))
-    for time_s in (None, np.full(8, 3.0)):
-        models = [c.model for c in identify_payload(replace(samples, time_s=time_s)).candidates]
-        assert not any(model.drift for model in models)
-
-
-def test_a_gain_common_to_all_axes_is_called_undetermined() -> None:
-    """A sensor that reads 3 % more and a heavier tool give the same readings."""
-    rng = np.random.default_rng(3)
-    real = truth(WORLDS["gain 3 %"], rng)
-    found = identify_payload(read(real, attitudes(rng, 12), np.arange(12.0), rng))
-    assert found.chosen.model.gain
-    assert any(line.startswith("torque_gain") for line in found.undetermined)
-    amplified = {each.name: each.amplified for each in found.parameters}
-    assert amplified["force_gain.x"] > 3.0 * amplified["bias_force_N.x"] >= 3.0
-
-
 @settings(QUICK, max_examples=4)
 @given(seed=seeds, poses=st.integers(5, 10))
 def test_the_advised_pose_reduces_the_deviation_as_announced(seed, poses) -> None:

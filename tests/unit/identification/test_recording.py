@@ -46,15 +46,6 @@ def test_columns_may_have_any_order_and_unknown_ones_are_ignored(tmp_path) -> No
     assert read_recording(path).force_N.tolist() == [[1.0, 2.0, 3.0]]
 
 
-def test_a_wrench_in_base_axes_is_rotated_into_sensor_axes_about_the_same_point(tmp_path) -> None:
-    """v_sensor = R_base_sensor^T v_base for force and torque alike; lengths stay."""
-    recording = read_recording(written(tmp_path, HEADER, ROW))
-    kept, turned = recording.samples("sensor"), recording.samples("base")
-    R = recording.R_base_sensor[0]
-    np.testing.assert_allclose(R @ turned.force_N[0], kept.force_N[0], atol=1e-12)
-    np.testing.assert_allclose(R @ turned.torque_Nm[0], kept.torque_Nm[0], atol=1e-12)
-
-
 LONG, SHORT = (cells(qz=str(0.6 * scale), qw=str(0.8 * scale)) for scale in (1.002, 0.998))
 
 

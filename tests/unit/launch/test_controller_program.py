@@ -48,12 +48,6 @@ def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monk
     assert (is_plain(PLAIN), is_plain(TCP), is_plain(SIM)) == (True, False, False)
 
 
-def test_the_command_prints_the_program_of_a_cell_file(capsys) -> None:
-    """To be loaded into a controller."""
-    assert main([str(CELLS / "demo-plain.yaml")]) == 0
-    assert capsys.readouterr().out == program_of(PLAIN).text
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [([], "one argument is needed: a cell file"), (["no.yaml"], "no.yaml"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.context import default_cell_file, find_cell_file, live_cell
+from cli.context import live_cell
 from common.config.load import cell_hash, dump_cell
 from forcemesh.errors import ConfigError, DataError
 from launch.run_file import (
@@ -109,17 +109,6 @@ def test_a_zombie_is_not_alive() -> None:
     child.wait()
 
 
-def test_the_running_cell_is_the_default() -> None:
-    """After `up` in one terminal, verbs in another one do not need the file."""
-    assert find_cell_file(None) == default_cell_file()
-    write_run(a_run("over", live=False))
-    assert find_cell_file(None) == default_cell_file()
-    assert find_cell_file(None, ended=True) == Path(__file__)
-    write_run(a_run("up").model_copy(update={"cell_file": "up.yaml"}))
-    assert find_cell_file(None, ended=True) == Path("up.yaml")
-    assert find_cell_file(Path("named.yaml")) == Path("named.yaml")
-
-
 def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
     """Later edits of its file do not matter: a hold does not wait for a valid file."""
     path = tmp_path / "cell.yaml"
@@ -134,18 +123,6 @@ def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
     (tmp_path / "other.yaml").write_text("cell: [")
     with pytest.raises(ConfigError):
         live_cell(tmp_path / "other.yaml")
-
-
-def test_an_unreadable_calibration_does_not_prevent_the_use_of_a_cell(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It is reported, and the cell is loaded without it."""
-    path, calibration = tmp_path / "cell.yaml", tmp_path / "calibration.yaml"
-    text = dump_cell(CELL.model_copy(update={"calibration": None}))
-    path.write_text(f"{text}calibration: calibration.yaml\n")
-    calibration.write_text("x: [")
-    assert live_cell(path).calibration is None
-    assert "calibration.yaml" in capsys.readouterr().err
 
 
 def test_a_run_file_contains_no_token() -> None:

@@ -4,7 +4,6 @@ Every request model, every field at its extremes, in every state, against the co
 on a virtual clock. An unhandled error of a core is raised here and fails the test.
 """
 
-import json
 import random
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -16,15 +15,14 @@ import pytest
 from common.bus.memory_bus import MemoryCall
 from common.motion.limits import Limits
 from forcemesh import topics
-from forcemesh.codec import decode_record, encode_record
+from forcemesh.codec import decode_record
 from forcemesh.messages import OPERATIONAL
-from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, Reply
+from forcemesh.requests import Empty, HoldRequest, Reply
 from forcemesh.topics import REQUESTS
 from tests.fakes.bench import CELL
 from tests.fakes.lab import BRAKE_S, Lab
 from tests.fakes.long import long
 from tests.fakes.records import full, places, put
-from tests.unit.common.config.test_calibration import calibration
 
 NUMBERS = (
     -0.0, 5e-324, 100.0, -100.0, 1e6, -1e6, 1e200, -1e200, 1e308, -1e308,
@@ -44,7 +42,6 @@ SAMPLE = 30  # of about 3000, for each state, in a quick run
 LIMITS = Limits.of(CELL)
 SPEED_M_S = 1.2 * CELL.limits.speed_m_s + 0.02  # of the simulated arm, with servo lag
 FORCE_N = 1.3 * CELL.limits.force_N
-LONGEST_SENTENCE = 400  # characters: no number is written out with 300 digits
 
 
 def bodies() -> Iterator[tuple[str, dict[str, Any]]]:
@@ -154,44 +151,4 @@ def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> 
     lab = Lab(CELL)  # a request in each of its control periods
     STATES[state](lab)
     send_all(lab, requests)
-    assert_hold_works(lab)
-
-
-BAD_CALIBRATIONS: list[tuple[tuple[str, ...], Any]] = [
-    (("payload", "gravity_direction_in_base"), [0.0, 0.0, -2.0]),
-    (("payload", "mounting_rotation_rad"), [1e300, 0.0, 0.0]),
-    (("payload", "mass_kg"), 1e308),
-    (("payload", "bias_force_N"), [1e308, 1e308, 1e308]),
-    (("T_flange_tcp", "position_m"), [1e200, 0.0, 0.0]),
-    (("T_flange_sensor", "oat_deg"), [1e16, -1e16, 0.0]),
-]
-
-
-def test_an_impossible_calibration_is_refused() -> None:
-    """The reply names the value; the wrench stays valid."""
-    lab = Lab()
-    held(lab)
-    fields = {"payload": CELL.payload, "T_flange_sensor": CELL.sensor.T_flange_sensor}
-    whole = json.loads(calibration(**fields).model_dump_json()) | {"revision": ""}
-    for (section, name), value in BAD_CALIBRATIONS:
-        text = json.dumps(whole | {section: whole[section] | {name: value}})
-        reply = lab.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
-        assert (reply.accepted, reply.code) == (False, "malformed"), name
-        assert section in reply.text
-        assert name in reply.text
-        assert len(reply.text) < LONGEST_SENTENCE
-    lab.cell.advance(0.05)
-    assert lab.now(lab.wrench).valid
-
-
-def test_a_hold_is_served_while_every_inbox_is_full() -> None:
-    """With invalid requests in every inbox the hold is executed within two periods."""
-    lab = Lab()
-    lab.lift()
-    for row in REQUESTS:
-        for _ in range(16):
-            send(lab, row.key, encode_record(Empty()) if row is topics.CLEAR else b"\xc1")
-    lab.cell.advance(EVERY_S * 2)
-    assert lab.status.state not in OPERATIONAL
-    lab.cell.advance(EVERY_S * 8)  # until the queued requests are answered: a few in each period
     assert_hold_works(lab)

@@ -1,15 +1,20 @@
 """Handover between commanders in a whole cell: the arm rests in between and never jumps."""
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cli import verbs_arm
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
+from forcemesh.errors import ArmStoppedError, RefusedError
 from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
+from tests.contract.rig import DEMO_CELL
 from tests.fakes.bench import DEMO
-from tests.fakes.lab import PRESS_N, Lab
+from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 TCP = load_cell(DEMO.with_name("demo-tcp.yaml"))
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
@@ -70,20 +75,6 @@ def test_a_move_takes_the_arm_from_force_feedback(motion: str, commander: str) -
     assert lab.status.commander == "regulator"
 
 
-def test_after_an_operator_takes_the_arm_a_program_is_refused_as_busy() -> None:
-    """Program, operator, program: the third waits, and gets the arm when it is free."""
-    lab = Lab()
-    assert move(lab, "program", z_m=0.1).accepted
-    lab.cell.advance(0.5)
-    hand_over(lab, "operator")
-    refused = move(lab, "program")
-    assert (refused.accepted, refused.code) == (False, "busy")
-    assert "operator" in refused.text
-    lab.finish_move(4.0)
-    assert move(lab, "program").accepted
-    lab.seconds_until(lambda: lab.status.commander == "program", 0.5)
-
-
 def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
     """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
     lab = Lab(TCP)
@@ -97,3 +88,45 @@ def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
     lab.cell.advance(1.0)
     assert lab.status.commander == "regulator"
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
+
+
+WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})
+
+
+def client_of(lab: Lab) -> ConfiguredCell:
+    """Return a client of the lab."""
+    return ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
+
+
+def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> None:
+    """`jog z -80`: 20 N plus the rise at 50 mm/s until rest; arming and retract still work."""
+    lab = Lab()
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError, match="force rose") as stopped:
+        client.jog((0.0, 0.0, -0.08))
+    assert stopped.value.code == "force"
+    lab.cell.advance(BRAKE_S)
+    assert 20.0 < lab.force_N < lab.cell.cell.limits.force_N
+    lab.cell.advance(1.2)
+    reply = client.arm("jog")
+    assert "loaded with" in reply.text
+    client.move.retract()
+    assert abs(lab.force_N) < 2.0
+    assert client.load_N() is None
+
+
+def test_the_verb_names_a_next_step_that_is_accepted(monkeypatch, capsys) -> None:
+    """Freed and still in contact: arming for all is refused, arming for jog is accepted."""
+    lab = Lab(WIDE)
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError):
+        client.jog((0.0, 0.0, -0.08))
+    lab.cell.advance(1.5)
+    monkeypatch.setattr(verbs_arm, "cell_of", lambda _cell: nullcontext(client))
+    verbs_arm.back_off(yes=True)
+    assert "arm for jog, then `forcemesh retract`" in capsys.readouterr().out
+    lab.cell.advance(1.2)
+    with pytest.raises(RefusedError, match="forcemesh retract`; else") as refused:
+        client.arm(within_s=0.0)
+    assert refused.value.code == "payload"
+    assert lab.status.clears.startswith("if in contact, arm for jog")

@@ -1,14 +1,20 @@
 """Commands of a step, run in this process, and the judgement of what they gave."""
 
 import json
+import re
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from string import Formatter
 from typing import Any
 
 import pytest
+import typer.main
 import yaml
 
+from cli.__main__ import app
+from cli.bringup import needs
 from cli.bringup.judge import (
     Judgement,
     Outcome,
@@ -21,26 +27,33 @@ from cli.bringup.judge import (
     judge_tuning,
     run_command,
 )
-from common.config.load import dump_cell, load_cell
+from cli.bringup.needs import (
+    RunningCell,
+    Situation,
+    calibration_named,
+    cell_down,
+    cell_up,
+    probe_named,
+    situation_of,
+    tuning_named,
+)
+from cli.bringup.steps import PAGE, STEPS, BringupStep
+from common.config.cell import CellConfig
+from common.config.evidence import PROGRAMS
+from common.config.load import cell_hash, dump_cell, load_cell
+from forcemesh.errors import BusError
+from launch.run_file import new_run, write_run
+from tests.fakes.bench import DEMO
 from tools.tree import ROOT
 
 PRESS = {"setpoint_N": 5.0, "reached_s": 1.0, "mean_N": 4.98761, "ripple_N": 0.1, "peak_N": 5.4}
-ROUNDED = PRESS | {"mean_N": 4.988}
-RESIDUALS = dict.fromkeys(("force_mean_N", "force_max_N", "torque_mean_Nm", "torque_max_Nm"), 0.01)
-CALIBRATION = {
-    "cell": "demo-tcp", "made_at": "2026-11-27T08:00:00Z", "method": "arm",
-    "T_flange_tcp": {"position_m": [0, 0, 0.16]}, "T_flange_sensor": {"position_m": [0, 0, 0.02]},
-    "fit": {"poses": 10, **RESIDUALS}, "payload": {"mass_kg": 1.2, "com_m": [0, 0, 0.05]},
-}  # fmt: skip
-FAILED = Outcome("tune", 1, "first\n\x1b[2Krefused (busy): stop that first\n")
 
 
 @pytest.fixture
 def cell_file(tmp_path: Path) -> Path:
-    """A cell with a controller, a probe in its folder."""
+    """A cell with a controller."""
     path = tmp_path / "lab.yaml"
-    tree = yaml.safe_load(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml")))
-    path.write_text(yaml.safe_dump(tree | {"calibration": "made.yaml"}))
+    path.write_text(dump_cell(load_cell(DEMO.with_name("demo-tcp.yaml"))))
     return path
 
 
@@ -49,7 +62,6 @@ def ending(code: object, out: str = "", err: str = "") -> Callable[[list[str]], 
 
     def run(_words: list[str]) -> None:
         sys.stdout.write(out)
-        sys.stdout.flush()
         sys.stderr.write(err)
         sys.exit(code)  # type: ignore[arg-type]
 
@@ -59,39 +71,29 @@ def ending(code: object, out: str = "", err: str = "") -> Callable[[list[str]], 
 def test_the_output_of_a_command_is_shown_and_kept_or_is_a_report(
     cell_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A command that ends with an error before its report has none; without one none passes.
-
-    Each gets the cell file; a path may have blanks; without --json the output is shown too.
-    """
+    """Without --json the output is shown too; with it, a command without a report has failed."""
     words: list[str] = []
 
     def tune(given: list[str]) -> None:
         words.extend(given)
-        ending(3, "done\n", "why\n")(given)
+        ending(3, "done\n", "\x1b[2Kwhy\n")(given)
 
     done = run_command("tune --write 'a b.yaml'", cell_file, tune)
     assert words == ["tune", "--write", "a b.yaml", "--cell", str(cell_file)]
     assert (done.code, done.last_line) == (3, "why")
-    assert capsys.readouterr() == ("done\n", "why\n")
+    assert capsys.readouterr() == ("done\n", "\x1b[2Kwhy\n")
+    assert (
+        by_exit_code(cell_file, [done]).why
+        == "`forcemesh tune --write 'a b.yaml'`: why, exit code 3"
+    )
     done = run_command("press 5 --json", cell_file, ending(0, json.dumps(PRESS)))
-    assert done.report == PRESS
-    assert capsys.readouterr().out == ""
+    assert (done.report, capsys.readouterr().out) == (PRESS, "")
     done = run_command("press 5 --json", cell_file, ending(4, "", "no reply\n"))
     assert (done.code, done.report, done.last_line) == (4, {}, "no reply")
-    assert run_command("tare", cell_file, ending(None)).code == 0
+    assert by_exit_code(cell_file, [run_command("tare", cell_file, ending(None))]) == Judgement()
     for text in ("", "a note\n{}", "[]"):
         done = run_command("check axes --json", cell_file, ending(0, text))
         assert (done.code, done.report) == (1, {})
-        assert judge_installation(cell_file, [done]).why.endswith("no report, exit code 1")
-
-
-def test_the_error_of_the_command_that_failed_is_the_reason(cell_file: Path) -> None:
-    """Without the codes of the terminal."""
-    assert by_exit_code(cell_file, [Outcome("tare", 0, "tared\n")]) == Judgement()
-    why = by_exit_code(cell_file, [Outcome("tare", 0, "tared\n"), FAILED]).why
-    assert why == "`forcemesh tune`: refused (busy): stop that first, exit code 1"
-    for judge in (judge_doctor, judge_installation, judge_probe, judge_calibration, judge_tuning):
-        assert judge(cell_file, [FAILED]).why == by_exit_code(cell_file, [FAILED]).why
 
 
 def lines(*rows: tuple[str, str, str]) -> Outcome:
@@ -112,21 +114,26 @@ def axes(code: int, **changes: Any) -> Outcome:
 UNCALIBRATED = ("calibration", "FAIL", "none")  # comes later
 SLOW = ("monitor speed", "FAIL", "12.5 %; robot.delay_s was measured at 25 %")
 LIGHT = {"text": "the tool weighs 1 kg", "remedy": "write it"}
-NOT_SHOWN = ["the sign of fz", "the mass"]
+FAILED = [
+    (judge, Outcome("tune", 1, "busy\n"), "`forcemesh tune`: busy, exit code 1", {})
+    for judge in (judge_doctor, judge_installation, judge_probe, judge_calibration, judge_tuning)
+]
 
 
 @pytest.mark.parametrize(
     ("judge", "outcome", "why", "numbers"),
     [
+        *FAILED,
         (judge_doctor, lines(UNCALIBRATED, ("peer", "WARN", "any")), "", {}),
         (judge_doctor, lines(UNCALIBRATED, ("mode", "FAIL", "TEACH"), SLOW),
          "mode: TEACH -> do it; monitor speed: 12.5 %", {"monitor_speed_percent": 12.5}),
         (judge_installation, axes(0), "", {"mass_kg": 1.0}),
-        (judge_installation, axes(1, findings=[LIGHT]), "the tool weighs 1 kg -> write it", None),
-        (judge_installation, axes(1, verdict="cannot tell", not_shown=NOT_SHOWN),
-         "cannot tell: the sign of fz; the mass", None),
+        (judge_installation, axes(1, findings=[LIGHT]), "the tool weighs 1 kg -> write it",
+         {"mass_kg": 1.0}),
+        (judge_installation, axes(1, verdict="cannot tell", not_shown=["the sign", "the mass"]),
+         "cannot tell: the sign; the mass", {"mass_kg": 1.0}),
         (judge_press, Outcome("press 5 --json", 1, "held\n", PRESS),
-         "`forcemesh press 5 --json`: held, exit code 1", ROUNDED),
+         "`forcemesh press 5 --json`: held, exit code 1", PRESS | {"mean_N": 4.988}),
     ],
 )  # fmt: skip
 def test_a_report_gives_the_reason_with_its_remedy_and_the_numbers_to_keep(
@@ -134,16 +141,15 @@ def test_a_report_gives_the_reason_with_its_remedy_and_the_numbers_to_keep(
     judge: Callable[[Path, list[Outcome]], Judgement],
     outcome: Outcome,
     why: str,
-    numbers: dict[str, float] | None,
+    numbers: dict[str, float],
 ) -> None:
     """Every failed check or finding is named."""
     judged = judge(cell_file, [outcome])
     assert judged.why.startswith(why)
-    assert bool(judged.why) == bool(why)
-    assert numbers is None or judged.numbers == numbers
+    assert (bool(judged.why), judged.numbers) == (bool(why), numbers)
 
 
-def test_probe_calibration_and_tuning_keep_what_their_files_hold(cell_file: Path) -> None:
+def test_probe_and_tuning_keep_what_their_files_hold(cell_file: Path) -> None:
     """Null is left out; a calibration that is not there is a failure."""
     good, folder = [Outcome("probe", 0, "")], cell_file.parent
     (folder / "probe.yaml").write_text("robot: {delay_s: 0.1}\nresults: {mspeed: {value: 10.0}}\n")
@@ -151,5 +157,101 @@ def test_probe_calibration_and_tuning_keep_what_their_files_hold(cell_file: Path
     assert judge_probe(cell_file, good).numbers == {"delay_s": 0.1, "monitor_speed_percent": 10.0}
     assert judge_tuning(cell_file, good).numbers == {"delay_s": 0.1235}
     assert "is not there" in judge_calibration(cell_file, good).why
-    (folder / "made.yaml").write_text(yaml.safe_dump(CALIBRATION))
-    assert judge_calibration(cell_file, good).numbers == {"mass_kg": 1.2}
+
+
+def test_a_cell_is_up_when_its_hub_or_its_supervisor_is(
+    cell_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise its start is the remedy, and the controller's connection is free."""
+
+    def refuse(*_: object, **_options: object) -> None:
+        raise BusError("no hub")
+
+    monkeypatch.setattr(needs, "ConfiguredCell", refuse)
+    down = situation_of(cell_file)
+    assert (down.running, cell_down(down)) == (None, "")
+    assert f"`forcemesh up --cell {cell_file}`" in cell_up(down)
+    write_run(new_run(load_cell(cell_file), cell_file))  # this test is the supervisor
+    up = situation_of(cell_file)
+    assert up.running == RunningCell("", None)
+    assert "Ctrl-C" in cell_down(up)
+    assert "`forcemesh status`" in cell_up(up)
+
+
+def test_a_cell_with_another_file_than_the_present_one_is_to_be_restarted(cell_file: Path) -> None:
+    """A step would be judged with other numbers than those of the file."""
+    running = RunningCell(cell_hash(load_cell(cell_file)), None)
+    assert cell_up(Situation(cell_file, running)) == ""
+    tree = yaml.safe_load(cell_file.read_text())
+    tree["payload"]["mass_kg"] = 1.23
+    cell_file.write_text(yaml.safe_dump(tree))
+    assert "has changed since the cell was started" in cell_up(Situation(cell_file, running))
+
+
+def test_a_file_that_the_cell_file_does_not_name_is_missing(cell_file: Path) -> None:
+    """The remedy is the line to write."""
+    named = {"robot.probe": probe_named, "calibration": calibration_named, "tuning": tuning_named}
+    tree = yaml.safe_load(cell_file.read_text())
+    for key, need in named.items():
+        assert f"as {key}: set `" in need(Situation(cell_file, None))
+        section = tree["robot"] if key == "robot.probe" else tree
+        section[key.rpartition(".")[2]] = "file.yaml"
+    cell_file.write_text(yaml.safe_dump(tree))
+    assert [need(Situation(cell_file, None)) for need in named.values()] == ["", "", ""]
+
+
+TEXT = (ROOT / PAGE).read_text(encoding="utf-8")
+COMMANDS = sorted(set(re.findall(r"(?:`|^)forcemesh ([^`\n#]+)", TEXT, re.MULTILINE)))
+FILES = ("probe", "calibration", "tuning")
+
+
+def test_the_page_has_a_section_for_each_step_in_its_order() -> None:
+    """With what to do, when it passes, and what to do if not."""
+    parts = re.split(r"\n## (\d+)\. (\w+)\n", TEXT)
+    numbers, names, sections = parts[1::3], parts[2::3], parts[3::3]
+    assert list(names) == [step.name for step in STEPS]
+    assert [int(number) for number in numbers] == list(range(1, len(STEPS) + 1))
+    for section in sections:
+        assert all(f"- **{word}**:" in section for word in ("Do", "Pass", "If not"))
+
+
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)
+def test_every_command_of_a_step_is_on_the_page_and_on_the_command_line(step: BringupStep) -> None:
+    """As it is run, without the options for programs."""
+    root = typer.main.get_command(app)
+    section = TEXT.split(f". {step.name}\n")[1].split("\n## ")[0]
+    for command in step.commands:
+        plain = command.replace("{yes}", "").replace(" --json", "")
+        plain = plain.format(probe="cells/probe.yaml", tuning="cells/tuning.yaml")
+        assert f"forcemesh {plain}" in section
+        verb = root
+        for word in shlex.split(plain):
+            verb = getattr(verb, "commands", {}).get(word, verb)
+        assert not hasattr(verb, "commands")
+    assert ("The arm moves" in section or "the arm moves" in section) == step.moves
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_of_the_page_has_its_options(command: str) -> None:
+    """A verb of the command line, and options that it has."""
+    verb: Any = typer.main.get_command(app)
+    words = shlex.split(command)
+    while words and words[0] in getattr(verb, "commands", {}):
+        verb = verb.commands[words.pop(0)]
+    assert not hasattr(verb, "commands")
+    options = {option for each in verb.params for option in each.opts}
+    assert {word for word in words if word.startswith("--")} <= options
+
+
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)
+def test_every_input_exists(step: BringupStep) -> None:
+    """A file, or a section or field of the cell file; every step has a question or a command."""
+    for name in step.inputs:
+        section = name.split(".")[0]
+        is_file = name in FILES or (PROGRAMS / name).is_file()
+        assert is_file or section in CellConfig.model_fields, name
+    assert step.commands or step.question
+    assert step.remedy
+    used = {name for text in (*step.commands, step.question)
+            for _, name, _, _ in Formatter().parse(text) if name}  # fmt: skip
+    assert used <= {"probe", "tuning", "yes", "host", "port", "arm"}

@@ -8,14 +8,12 @@ import pytest
 from cli.calibration.by_hand import HandOptions, PoseRecorder, calibrate, record_poses
 from cli.calibration.finish import Job
 from cli.calibration.output_files import OutputFiles
-from cli.context import INTERRUPTED
 from cli.terminal import typed_line
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import ArmRequest, MoveRequest
-from identification.dwells import dwells_of_purpose
 from identification.verification import VerificationBounds
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
@@ -136,29 +134,6 @@ def test_a_pose_can_be_removed_and_a_near_one_is_reported(lab):
     assert "only 0 degrees from an earlier one" in text
     assert "removed: 0 poses remain" in text
     assert "there is no pose to remove" in text
-
-
-@pytest.mark.long
-def test_auto_capture_takes_each_new_pose_at_rest(lab):
-    """--auto-capture takes one pose for each attitude, none during motion, none twice."""
-    verbs: list[object] = [verb for path in joint_paths(lab, 4) for verb in (*path, 2.5)]
-    recorder = recorder_of(lab, verbs, poses=4, auto=True)
-    assert record_poses(recorder, lab.notes) is None
-    assert len(dwells_of_purpose(recorder.dwells, "fit")) == 4
-    assert any("| at rest" in stage for stage in lab.notes.stages)
-    assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
-    for dwell in recorder.dwells:
-        assert np.ptp(dwell.position_m, axis=0).max() < 1e-4
-
-
-def test_a_sensor_fault_is_shown_and_does_not_end_the_recording(lab):
-    """While a person jogs, the fault of a silent sensor is shown until it publishes again."""
-    arm = lab.world.arm
-    recorder = recorder_of(lab, [0.1, "", 1.0, "q", INTERRUPT])
-    arm.ft_sensor.disturb = lambda sample: None if 1.9 < arm.time_s < 2.2 else sample
-    assert record_poses(recorder, lab.notes) == INTERRUPTED
-    assert any("sensor/wrench stale" in stage for stage in lab.notes.stages)
-    assert len(recorder.dwells) == 1
 
 
 def test_lines_are_read_without_waiting_and_the_end_of_input_is_q(monkeypatch):

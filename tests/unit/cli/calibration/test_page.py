@@ -19,14 +19,13 @@ from common.config.cell import CellConfig
 from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import predict
-from forcemesh.errors import BusError, DataError, ForcemeshError, RefusedError
+from forcemesh.errors import BusError, ForcemeshError, RefusedError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
 from identification.verification import (
     Residual,
     VerificationBounds,
-    active_residual,
     judge_residual,
 )
 from tests.fakes.calibration import demo_cell
@@ -77,29 +76,16 @@ def found() -> Findings:
 @pytest.mark.parametrize(
     ("fresh", "push_N", "word"), [(3, 0.0, "PASS"), (3, 2.0, "FAIL"), (0, 0.0, "NOT VERIFIED")]
 )
-def test_the_title_of_the_page_is_the_verdict(fresh, push_N, word):
-    """The tab of a browser shows the verdict."""
-    html = str(page(findings(fresh, push_N)))
-    assert f"<title>Calibration of demo: {word}</title>" in html
-    assert len(re.findall('class="verdict"', html)) == 1
-
-
-def test_the_page_has_every_item_of_the_report_and_needs_no_other_file(found):
-    """Names are escaped, the three pictures are embedded, there is no script."""
+def test_the_page_has_verdict_numbers_and_pictures_and_needs_no_other_file(fresh, push_N, word):
+    """The tab of a browser shows the verdict; names are escaped, there is no script."""
+    found = findings(fresh, push_N, touched_N=4.0)
     html, section = str(page(found)), found.section
-    for text in (
-        "gripper &lt;2&gt; &amp; cable",
-        "FT&lt;7&gt;",
-        section.revision,
-        f"{section.payload.mass_kg:.4f}",
-        "the wizard moved the arm",
-        "left out 40 readings: in contact, or touched",
-        "pose 2 was refused",
-    ):
+    assert f"<title>Calibration of demo: {word}</title>" in html
+    escaped = ("gripper &lt;2&gt; &amp; cable", "FT&lt;7&gt;")
+    for text in (*escaped, section.revision, f"{section.payload.mass_kg:.4f}", "left out 40"):
         assert text in html
     sources = re.findall('(?:src|href|srcset)="([^"]*)"', html)
-    assert len(sources) == 3
-    assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
+    assert [source.partition(",")[0] for source in sources] == ["data:image/svg+xml;base64"] * 3
     assert not any(word in html for word in ("<script", "@import", "url("))
 
 
@@ -117,15 +103,6 @@ def test_the_verdict_passes_when_every_residual_is_within_its_bound(left, most_N
     )
     assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
     assert verdict.text.startswith(verdict.result)
-
-
-def test_the_residual_of_the_cell_needs_a_valid_wrench_at_every_pose():
-    """A pose without a valid wrench cannot verify a calibration."""
-    good = dwell("verify", 1, push_N=0.25)
-    assert active_residual([good]).force_N == pytest.approx([0.25])
-    silent = Dwell("verify", *(getattr(good, name) for name in good.__slots__[1:6]))
-    with pytest.raises(DataError, match="not valid at every pose"):
-        active_residual([good, silent])
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -210,12 +187,3 @@ def test_only_a_verified_calibration_that_is_to_be_used_is_sent(
     ended, last, found = stored(tmp_path, findings(fresh, push_N), service, **job)
     assert (ended, service.sent, found) == (code, [], names)
     assert sentence in last
-
-
-def test_a_tool_too_heavy_for_the_cell_is_refused_before_sending(found, tmp_path):
-    """A tool heavier than the limit of the gains gives the sentence of the running cell."""
-    light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
-    cell = CELL.model_copy(update={"contact": light})
-    code, last, _ = stored(tmp_path, found, config=cell, use=True)
-    assert code == 1
-    assert "contact.inertia_kg is 0.5" in last

@@ -108,27 +108,6 @@ def test_correct_pushes_confirm_a_correct_wiring(cell) -> None:
     assert not cell.arm.moving
 
 
-@pytest.mark.parametrize("number", [18])
-@pytest.mark.long
-def test_a_wrong_wiring_is_reported_after_two_pushes(cell, number) -> None:
-    """A reading that is not along the push is requested once more, then accepted."""
-    person = Person(cell, SIGNED[number])
-    found = pushed(cell, person)
-    assert found.verdict == "wrong"
-    assert found.findings[0].remedy
-    wrong = [note for note in person.notes if note.endswith("not along it")]
-    assert len(wrong) >= 2
-
-
-def test_implausible_pushes_leave_the_unit_in_doubt(cell) -> None:
-    """About 10 N were requested and 98 N measured; in kgf it reads 1, which is no push."""
-    with pytest.raises(CalibrationError, match="unit is too large"):
-        pushed(cell, Person(cell, SIGNED[0] / 9.80665))
-    found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
-    assert found.verdict == "cannot tell"
-    assert "about 10 N were requested" in found.findings[0].text
-
-
 def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:
     """It is refused at once, with the command that ends the arming."""
     test = PushTest(client_of(cell), Person(cell))

@@ -13,13 +13,13 @@ from tests.fakes.installations import recorded
 run = partial(verb_calls.run, "check", "axes", "--cell", DEMO)
 
 
-@pytest.mark.parametrize("base_axes", [False, True])
-def test_a_right_recording_ends_with_zero(tmp_path, base_axes) -> None:
+@pytest.mark.parametrize("axes", ["sensor", "base"])
+def test_a_right_recording_ends_with_zero(tmp_path, axes) -> None:
     """The axes of the recording are identified and printed."""
-    result = run("--from", recorded(tmp_path / "a.csv", base_axes=base_axes))
+    result = run("--from", recorded(tmp_path / "a.csv", wrench_axes=axes))
     assert result.exit_code == 0, result.output
     assert "right: axes, signs and units are those of the cell file" in result.stdout
-    assert f"in {'base' if base_axes else 'sensor'} axes" in result.stdout
+    assert f"in {axes} axes" in result.stdout
 
 
 def test_a_wrong_recording_gives_the_finding_and_the_remedy(tmp_path) -> None:

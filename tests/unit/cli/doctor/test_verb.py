@@ -2,8 +2,7 @@
 
 import json
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,22 +13,17 @@ from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import link as doctor_link
 from cli.doctor.link import VisitTimeouts
 from cli.doctor.report import observe_cell
-from common.bus.cell_bus import open_bus
-from common.config.cell import CellConfig
+from common.bus.cell_bus import open_hub
 from common.config.load import cell_hash, dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.messages import Health, RobotState
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, new_run, write_run
-from launch.started_process import ProcessSpec
 from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 from tools.tree import ROOT
 
 pytestmark = pytest.mark.realtime
-
-HUB = ProcessSpec("services.hub", ("hub",))
 
 
 SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
@@ -108,51 +102,35 @@ def test_while_the_cell_is_up_the_controller_is_not_contacted(
         assert controller.connections == 0
 
 
-@pytest.mark.processes
 def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -> None:
     """Without a run file the publisher of robot/health reveals that the controller is in use."""
-    with FakeController() as controller, ExitStack() as stack:
-        path = cell_file(controller.port)
-        cell = load_cell(path)
-        other = cell.model_copy(update={"cell": "other"})
-        stack.enter_context(Supervisor(other, processes=[HUB]))
-        stack.enter_context(publishing_robot(cell))
-        found = observe_cell(cell, watch_s=1.0)
-        assert found is not None
-        assert found.robot is not None
-        assert found.robot.numbers == {"sender_hz": 40.0}
-        assert found.state is not None
-        assert found.stream_hz["wrench"] is None
-        assert found.stream_hz["robot/state"] == pytest.approx(50.0, rel=0.5)
-        fresh = {
-            role
-            for role, reading in found.roles.items()
-            if not reading.silent and getattr(reading.message, "config_hash", "") == cell_hash(cell)
-        }
-        assert fresh == {"robot"}
-        code, words = run(path)
-        assert (code, words["address"], words["process robot"]) == (NOT_WELL, "SKIP", "PASS")
-        assert (words["sender"], words["link"]) == ("SKIP", "FAIL")
-        assert controller.connections == 0
-
-
-@contextmanager
-def publishing_robot(cell: CellConfig) -> Iterator[None]:
-    """Publish as a robot 50 times a second."""
     stop = threading.Event()
 
     def publish() -> None:
-        with open_bus(cell, "robot") as bus:
-            health = bus.publisher(topics.HEALTH["robot"])
-            state = bus.publisher(topics.ROBOT_STATE)
+        with open_hub(cell) as hub:
+            robot = hub.playing("robot")
+            health = robot.publisher(topics.HEALTH["robot"])
+            state = robot.publisher(topics.ROBOT_STATE)
             while not stop.wait(0.02):
                 health.put(Health(config_hash=cell_hash(cell), numbers={"sender_hz": 40.0}))
                 state.put(RobotState())
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    with FakeController() as controller:
+        path = cell_file(controller.port)
+        cell = load_cell(path)
+        thread = threading.Thread(target=publish)
+        thread.start()
+        try:
+            found = observe_cell(cell, watch_s=1.0)
+            code, words = run(path)
+        finally:
+            stop.set()
+            thread.join()
+        assert found is not None
+        assert found.robot is not None
+        assert found.robot.numbers == {"sender_hz": 40.0}
+        assert found.stream_hz["wrench"] is None
+        assert found.stream_hz["robot/state"] == pytest.approx(50.0, rel=0.5)
+        assert (code, words["address"], words["process robot"]) == (NOT_WELL, "SKIP", "PASS")
+        assert (words["sender"], words["link"]) == ("SKIP", "FAIL")
+        assert controller.connections == 0

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cli.report.contacts import ContactLog, contact_table
+from cli.report.contacts import ContactLog
 from cli.report.data import report_content
 from forcemesh import topics
 from forcemesh.codec import Header
@@ -78,20 +78,3 @@ def test_a_message_repeats_a_state_and_the_next_state_completes_it() -> None:
     log.add(3.0, header(1, epoch=2), event(7, before_s=5.0))
     log.add(4.0, header(1, epoch=3), event(8, before_s=7.0))
     assert [each.duration_s for _, each in log.states[1:]] == [0.0, 0.0, 0.0, 0.0]
-
-
-def test_without_contact_there_is_no_table_and_of_many_states_the_last_ones(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """An unknown state has its reason in the table."""
-    log = ContactLog()
-    log.add(0.0, header(1), event(1, state="free"))
-    assert str(contact_table(log)) == ""
-    log.add(1.0, header(2), event(2))
-    unknown = event(3, state="unknown", valid=False, reason="wrench stale")
-    log.add(2.0, header(3), unknown)
-    assert "unknown: wrench stale" in str(contact_table(log))
-    monkeypatch.setattr("cli.report.contacts.MOST_LISTED", 1)
-    text = str(contact_table(log))
-    assert "without the first 2" in text
-    assert ">free<" not in text

@@ -56,22 +56,6 @@ def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
         read_numbers(table, ("note",))
 
 
-def test_the_only_topic_that_can_be_read_is_taken_and_noted(tmp_path: Path) -> None:
-    """Beside others; two that can be read must be named."""
-    topics = {
-        ("/camera", "sensor_msgs/msg/Image", "cdr"): [(1.0, b"\0" * 8)],
-        ("/ft", "", "json"): json_messages(JSON),
-    }
-    table = McapTable(write_mcap(tmp_path / "a.mcap", topics), None)
-    assert table.topic == "/ft"
-    assert table.notes == ["the topic is /ft, the only one that can be read"]
-    topics[("/other", "W", "json")] = json_messages(JSON)
-    path = write_mcap(tmp_path / "b.mcap", topics)
-    with pytest.raises(DataError, match=r"b.mcap: name one topic with --topic; the topics are: "):
-        McapTable(path, None)
-    assert McapTable(path, "/other").notes == []
-
-
 @pytest.mark.parametrize(
     ("schema", "encoding", "data", "sentence"),
     [

@@ -22,9 +22,7 @@ from tests.fakes.force_logs import (
     write_csv,
     write_mcap,
 )
-from tools.tree import ROOT
 
-RECORDING = ROOT / "tests" / "corpus" / "recording-version-2.mcap"
 TAU_S = 0.05
 
 
@@ -139,29 +137,3 @@ def test_every_mistake_is_one_sentence(
     assert sentence in error
     assert error.count("\n") == 1
     assert not (tmp_path / "press.html").exists()
-
-
-def test_a_recording_keeps_its_report_and_takes_no_columns(tmp_path: Path) -> None:
-    """One of its topics is judged as a log on request."""
-    page = tmp_path / "page.html"
-    code, _, error = run(RECORDING, "--force", "fz", "-o", page)
-    assert code == USAGE
-    assert "--topic judges one of its topics as a log" in error
-    assert run(RECORDING, "--json", "-o", page)[0] == USAGE
-    assert run(RECORDING, "--no-3d", "-o", page)[0] == OK
-    assert "Arbiter states" in page.read_text(encoding="utf-8")
-    forces = "force_N.x,force_N.y,force_N.z"
-    code, out, error = run(RECORDING, "--topic", "wrench", "--force", forces, "-o", page)
-    assert code == OK, error
-    assert "judged: force_N." in out
-
-
-def test_foreign_text_is_no_markup_on_the_page(tmp_path: Path) -> None:
-    """Names of columns and of the file are escaped."""
-    name = "<script>fz</script>"
-    path = tmp_path / "<b>.csv"
-    write_csv(path, {"t": times(1.0), name: noise(500, 1.0)})
-    assert run(path, "--force", name)[0] == OK
-    page = path.with_suffix(".html").read_text(encoding="utf-8")
-    assert "<script>" not in page
-    assert "&lt;script&gt;fz" in page

@@ -8,14 +8,12 @@ import pytest
 
 from cli.skills.contact_monitor import ContactSample, no_progress
 from cli.skills.following import PathParameters, Standstill
-from cli.skills.following_poses import follow_file, follow_poses
+from cli.skills.following_poses import follow_poses
 from cli.skills.path_file import write_poses
 from forcemesh.errors import DataError, NotReachedError
-from tests.fakes.bench import CELL
 from tests.fakes.verbs import call_verb
 from tests.unit.cli.skills.test_verbs import SkillCell, start_request
 
-T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
 HERE = PathParameters(0.02, from_here=True)
 
 
@@ -55,15 +53,6 @@ def test_the_tool_follows_a_blended_corner_and_turns_with_it(cell: SkillCell) ->
     assert "contact kept" in done.text()
 
 
-def test_poses_of_the_flange_are_those_of_the_tool_before_its_mount(cell, tmp_path) -> None:
-    """A file of either frame leads to the same place."""
-    poses, path = square(cell, 0.004), tmp_path / "flange.csv"
-    write_poses(path, [0.0, 1.0, 2.0], [T * T_FLANGE_TCP.inverse() for T in poses])
-    follow_file(cell.client, path, "flange", HERE, request=start_request(8.0), within_s=20.0)
-    p_tcp_m = cell.p_tcp()
-    assert p_tcp_m[:2] == pytest.approx(poses[-1].translation[:2], abs=3e-4)
-
-
 def test_wrong_paths_are_refused_before_anything_moves(cell: SkillCell) -> None:
     """Each with the pose, the value and the limit."""
     first, second, _ = square(cell)
@@ -84,18 +73,6 @@ def test_wrong_paths_are_refused_before_anything_moves(cell: SkillCell) -> None:
         with pytest.raises(DataError, match=problem):
             follow(cell, poses, parameters)
     cell.world.advance(0.1)
-    assert cell.p_tcp() == pytest.approx(start, abs=1e-4)
-
-
-def test_joints_that_cannot_follow_are_named_before_anything_moves(cell: SkillCell) -> None:
-    """Also those of poses that are sent later than the first part."""
-    first, second, _ = square(cell)
-    start, spins = cell.p_tcp(), []
-    for number in range(40):
-        R = pin.utils.rotate("z", 0.2 * number) @ first.rotation
-        spins.append(pin.SE3(R, (first if number % 2 else second).translation))
-    with pytest.raises(DataError, match=r"pose 3\d of the path: joint 6 = "):
-        follow(cell, spins, PathParameters(0.001, from_here=True))
     assert cell.p_tcp() == pytest.approx(start, abs=1e-4)
 
 

@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 
 from cli.skills import pressing
 from cli.skills.contact_monitor import no_progress
-from cli.skills.touch_repeats import ALREADY, TouchStatistics, contact_text, touch_often
-from common.motion.convert import vec3
-from forcemesh.errors import NotReachedError
+from cli.skills.touch_repeats import TouchStatistics, contact_text, touch_often
 from tests.fakes.bench import CELL
 from tests.fakes.verbs import call_verb
-from tests.unit.cli.skills.test_verbs import GAP_MM, SkillCell, start_request
+from tests.unit.cli.skills.test_verbs import GAP_MM, SkillCell
 
 places = st.lists(st.tuples(*[st.floats(-500.0, 500.0)] * 3), min_size=2, max_size=12)
 
@@ -64,37 +62,6 @@ def test_touches_of_a_rigid_plate_repeat_within_a_tenth_of_a_millimetre(cell: Sk
     assert travels == pytest.approx([GAP_MM, 3.0, 3.0], abs=0.4)
     assert cell.client.contact.wait("free", within_s=1.0).valid
     assert max(found.peak_N for found in shown) < CELL.force.touch_N + CELL.force.approach_budget_N
-
-
-def test_the_place_is_that_of_the_impact(cell: SkillCell) -> None:
-    """Not of the later moment at which the client learns of it."""
-    found = approach(cell, 0.0)()
-    impact = cell.client.contact.changes()[-2]
-    assert impact.state == "impact"
-    assert found.tcp_mm == vec3(1e3 * np.array(impact.position_m))
-
-
-def test_a_tool_in_contact_is_not_touched_with_again(cell: SkillCell) -> None:
-    """Its first place would not be that of a touch."""
-    approach(cell, 0.0)()
-    with pytest.raises(NotReachedError, match="the tool is in contact"):
-        touch_often(cell.client, approach(cell, 0.003), 2, retract_m=0.003, found=print)
-    assert "forcemesh retract" in ALREADY
-
-
-def test_a_retraction_that_does_not_end_the_contact_is_reported(
-    cell: SkillCell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On a soft surface: the error names the distance and the option."""
-
-    def stays() -> pressing.TouchResult:
-        found = approach(cell, 0.0)()
-        cell.client.force.begin(start_request(5.0))
-        return found
-
-    monkeypatch.setattr("cli.skills.touch_repeats.FREE_S", 0.2)
-    with pytest.raises(NotReachedError, match=r"after a retraction by 0\.5 mm: .*--back"):
-        touch_often(cell.client, stays, 2, retract_m=0.0005, found=lambda _: None)
 
 
 def test_the_verb_prints_each_contact_and_the_figures(cell: SkillCell, monkeypatch) -> None:

@@ -13,7 +13,7 @@ from cli.skills.path_file import read_poses, write_poses
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import pose_of
-from forcemesh.errors import ArmStoppedError, DataError, NotReachedError
+from forcemesh.errors import ArmStoppedError, NotReachedError
 from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
@@ -97,52 +97,15 @@ def test_press_holds_a_force_and_align_then_aligns_the_face() -> None:
     assert tilted.client.status().state == "ARMED"
 
 
-def test_a_small_force_is_not_held_without_contact(cell: SkillCell) -> None:
-    """A force near zero is no press, neither for the skill nor for the client."""
-    with pytest.raises(NotReachedError):
-        pressing.press(cell.client, start_request(0.9), hold_s=0.1, within_s=0.3)
-    with pytest.raises(NotReachedError, match=r"0\.9 N were not reached"):
-        cell.client.force.press(0.9, within_s=0.3)
-
-
-def test_a_force_changed_by_another_client_was_not_held(cell: SkillCell) -> None:
-    """Another terminal sets 5 N while this one holds 10: the error gives the measured force."""
-
-    def change_setpoint(_done_s, _total, text) -> None:
-        if text.startswith("holding"):
-            cell.client.force.set(5.0)
-
-    with pytest.raises(
-        NotReachedError, match=r"10 N were reached, but [45]\.\d N are measured after 3 s"
-    ):
-        pressing.press(
-            cell.client,
-            start_request(10.0, law="adaptive"),
-            hold_s=3.0,
-            within_s=20.0,
-            progress=change_setpoint,
-        )
-
-
 def test_follow_keeps_the_force_on_a_path(cell: SkillCell) -> None:
     """20 mm in 70 points, more than one request holds: in contact on the whole path."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
     start = cell.p_tcp()
     parameters = following.PathParameters(0.02, from_here=True)
     done = following.follow(cell.client, path, parameters, start_request(8.0), within_s=20.0)
-    moved = cell.p_tcp() - start
-    assert 1e3 * moved[:2] == pytest.approx([0.0, 20.0], abs=0.3)
-    assert done.length_mm == pytest.approx(20.0)
-    assert done.took_s == pytest.approx(1.0, abs=0.6)
-    assert done.contacts_lost == 0
+    assert 1e3 * (cell.p_tcp() - start)[:2] == pytest.approx([0.0, 20.0], abs=0.3)
+    assert (done.length_mm, done.contacts_lost) == (pytest.approx(20.0), 0)
     assert done.mean_error_N < 0.5
-    for wrong, problem in (
-        ([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], "point 2 of the path: TCP x = .* outside"),
-        ([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], "has no length across"),
-    ):
-        points = [np.array(point) for point in wrong]
-        with pytest.raises(DataError, match=problem):
-            following.follow(cell.client, points, parameters, start_request(8.0), within_s=5.0)
 
 
 def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_path) -> None:
@@ -227,31 +190,3 @@ def test_the_verbs_print_a_line_or_an_object(cell: SkillCell, monkeypatch, tmp_p
         messages = [line for line in done.stderr.splitlines() if not line.startswith(loaded)]
         assert (done.exit_code, done.stdout, len(messages)) == (code, "", 1), words
         assert problem in messages[0]
-
-
-def test_a_verb_reports_that_it_replaces_running_force_feedback(
-    cell: SkillCell, monkeypatch
-) -> None:
-    """Without running force feedback there is no remark."""
-    words = ("press", "6", "--seconds", "0.1")
-    alone = call_verb(monkeypatch, cell.client, no_progress, *words)
-    assert (alone.exit_code, alone.stderr) == (0, "")
-    cell.client.force.start(5.0)
-    cell.world.advance(0.2)
-    assert (
-        call_verb(monkeypatch, cell.client, no_progress, *words).stderr.strip()
-        == force_session.ALREADY_RUNNING
-    )
-
-
-def test_ctrl_c_between_two_steps_holds_the_arm_too(cell: SkillCell, monkeypatch) -> None:
-    """Interrupted before any request: the message is true, the arbiter is HOLDING."""
-
-    def interrupted(_path) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("cli.skills.path_file.read_points", interrupted)
-    done = call_verb(monkeypatch, cell.client, no_progress, "follow", "path.csv")
-    assert (done.exit_code, done.stderr) == (INTERRUPTED, "interrupted: the arm holds\n")
-    cell.world.advance(0.1)
-    assert cell.client.status().state == "HOLDING"

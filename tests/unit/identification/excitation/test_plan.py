@@ -28,10 +28,6 @@ from tests.fakes.calibration import HOME_RAD
 ARM = ArmKinematics("rs007l")
 SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of start poses, about the demo's
 WALL = {"point_m": [0.0, 0.62, 0.0], "normal": [0.0, -2.0, 0.0]}
-SMALL = {
-    "limits.workspace_min_m": [-0.1, 0.375, 0.2],
-    "limits.workspace_max_m": [0.1, 0.575, 0.5],
-}
 
 
 def cell_with(**overrides):
@@ -103,14 +99,6 @@ def test_goals_and_paths_stay_inside_from_any_start(offset, walls, turn_deg):
     assert found.conditioning <= 30.0
 
 
-@pytest.mark.parametrize("corner", [(1, 1, 1, 1, 1, 1), (0, 1, 0, -1, -1, 0)])
-def test_usual_start_poses_have_a_well_conditioned_plan(corner):
-    """Arm and wrist far from the demo's own start: ten poses that identify the payload."""
-    plan = make_plan(cell_with(), ARM, HOME_RAD + np.array(corner) * SPREAD_RAD, PlanOptions())
-    assert len(plan.fit) == 10
-    assert plan.conditioning < 3.0
-
-
 @pytest.fixture(scope="module")
 def plan() -> CalibrationPlan:
     """The plan of the demo's cell."""
@@ -179,15 +167,6 @@ def test_a_cell_without_room_is_refused_with_advice(limits, problem):
     with pytest.raises(CalibrationError, match=problem) as error:
         make_plan(cell_with(**limits), ARM, HOME_RAD, PlanOptions())
     assert "--manual" in str(error.value)
-
-
-def test_fewer_poses_than_requested_are_reported():
-    """40 distinct poses do not fit into a small box: the warning gives the possible number."""
-    cell = load_cell(DEMO, SMALL)
-    plan = make_plan(cell, ARM, HOME_RAD, PlanOptions(poses=40))
-    assert_inside(cell, plan)
-    assert LEAST_PLANNED_POSES <= len(plan.fit) < 40
-    assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]
 
 
 def test_an_arm_without_a_model_or_at_another_pose_than_the_model_is_refused() -> None:

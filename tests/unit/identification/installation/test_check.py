@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from bench.payload import CellErrors
 from common.config.payload import Payload
-from identification.installation.axes import oat_text
 from identification.installation.axis_fit import EYE, SIGNED, TURNS
 from identification.installation.check import judge_installation
 from tests.fakes.installations import ERRORS, PAYLOAD, apply_remedy, belief, oat_matrix, readings
@@ -190,23 +189,6 @@ def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
     assert [finding.code for finding in found.findings] == ["mounting"]
 
 
-@pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
-@pytest.mark.parametrize("tilts_deg", [range(0, 360, 40), (0, 60, 0, 60, 60, 0, 60, 0, 60)])
-def test_rotations_about_one_axis_leave_a_mirrored_wiring_possible(oat_deg, tilts_deg) -> None:
-    """Gravity stays in one plane or on one line of the sensor, for any mounting."""
-    turns = np.array([oat_matrix((90.0, float(angle), -90.0)) for angle in tilts_deg])
-    R = turns @ oat_matrix(oat_deg)
-    weight = R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
-    noise = 0.01 * np.random.default_rng(5).normal(size=(9, 3))
-    recorded = replace(
-        readings(poses=9), R_base_sensor=R, force_N=weight + noise, torque_Nm=0.0 * weight
-    )
-    found = judge_installation(recorded, belief())
-    assert found.verdict == "cannot tell"
-    assert found.findings[0].code == "poses"
-    assert "turn the wrist" in (found.rejection_reason or "")
-
-
 def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly() -> None:
     """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
     payload = PAYLOAD.model_copy(update={"mass_kg": 0.15})
@@ -219,10 +201,3 @@ def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly() -> None:
             payload, force=W, torque=W, world=CellErrors(drift=2.0), seed=seed, poses=10
         )
         assert judge_installation(wrong, belief(payload)).verdict != "right"
-
-
-def test_angles_to_write_are_simple_where_only_a_sum_is_determined() -> None:
-    """Nearly upright only O + T is determined: O = 0 and T is the sum; upside down O - T."""
-    for upright, words in (((0.0, 0.0, 50.0), "[0, 0, 50]"), ((0.0, 180.0, 50.0), "[0, 180, 50]")):
-        leaning = oat_matrix((70.0, 0.2, -70.0)) @ oat_matrix(upright)
-        assert oat_text(leaning) == f"sensor.T_flange_sensor.oat_deg: {words}"

@@ -84,14 +84,6 @@ def test_a_rotated_sensor_gets_the_angles_to_write(wiring, seed) -> None:
     assert ("driver" in finding.remedy) != is_rotation
 
 
-def test_inconsistent_pushes_must_be_repeated() -> None:
-    """The same direction twice: the finding is unsure and names no wiring."""
-    done = [hand(step, EYE, "all six", TOOL_DOWN) for step in STEPS]
-    done[1] = replace(done[1], change_N=done[0].change_N)
-    (finding,), _ = judge_pushes(done, belief())
-    assert (finding.code, finding.kind) == ("pushes", "unsure")
-
-
 def test_without_a_tip_and_a_twist_the_torques_stay_undetermined() -> None:
     """This is reported without a finding; the forces are judged."""
     pushes = [hand(step, EYE, "all six", TOOL_DOWN) for step in STEPS[:3]]

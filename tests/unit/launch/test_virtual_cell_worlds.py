@@ -1,0 +1,157 @@
+"""A cell whose arm is mounted on a wall, a ceiling or a slope, on a virtual clock."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.config.load import load_cell
+from common.motion.convert import pose_of, record_of
+from forcemesh import topics
+from forcemesh.messages import Host, Speed
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
+from launch.virtual_cell import VirtualCell
+from sim.controller.service import ControllerSensor
+from sim.robot.scene import plate_at_rest
+from tests.fakes.bench import DEMO
+from tests.fakes.lab import FOUND_PART, FOUND_S, PRESS_N, SETTLED_S, Lab
+from tools.tree import ROOT
+
+MOUNTINGS = {
+    "wall": ("demo", (1.0, 0.0, 0.0)),
+    "ceiling": ("demo", (0.0, 0.0, 1.0)),
+    "slope": ("demo", (0.48, -0.64, -0.6)),
+    "wall, emulated controller": ("demo-tcp", (1.0, 0.0, 0.0)),
+}
+RESIDUAL_N = 0.5  # of noise and filter; the weight of the tool is 10 N
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_an_arm_mounted_in_any_direction_tares_arms_and_presses(mounting: str) -> None:
+    """One key: the simulated weight and its compensation agree in every attitude."""
+    name, down = MOUNTINGS[mounting]
+    file = DEMO.with_name(f"{name}.yaml")
+    lab = Lab(load_cell(file, {"gravity_direction_in_base": list(down)}))
+    lab.press()
+    lab.lift()
+    lab.finish_move()
+    turned = lab.target(x_m=0.02)
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=turned)).accepted
+    lab.finish_move()
+    lab.cell.advance(0.3)
+    assert np.linalg.norm(lab.now(lab.wrench).force_N) < RESIDUAL_N
+
+
+K_N_M, RADIUS_M, DISC_M, ASIDE_M = 2e4, 0.1, 0.01, 0.025
+ALONG_TOOL = (False, False, True, False, False, False)
+PLACE_M = ASIDE_M - DISC_M  # of the rim that touches, from the top
+
+
+@pytest.mark.parametrize(
+    ("cell", "surface"), [("demo.yaml", "hemisphere"), ("demo-tcp.yaml", "cylinder")]
+)
+def test_beside_the_top_the_surface_is_lower_and_pushes_aside(cell: str, surface: str) -> None:
+    """The simulated robot and the emulated controller have the arm with the cell's surface."""
+    chosen = {
+        "sim.surface": surface, "sim.radius_m": RADIUS_M, "sim.disc_radius_m": DISC_M,
+        "sim.stiffness_N_m": K_N_M,
+    }  # fmt: skip
+    lab = Lab(load_cell(DEMO.parent / cell, chosen))
+    T_base_flange = pose_of(lab.state)
+    T_base_flange.translation = T_base_flange.translation + np.array([ASIDE_M, 0.0, 0.0])
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T_base_flange))).accepted
+    lab.finish_move()
+    start = ForceStartRequest(mode="position", setpoint_N=PRESS_N, axes=ALONG_TOOL, frame="tool")
+    assert lab.ask(topics.FORCE_START, start).accepted
+    lab.seconds_until(lambda: lab.force_N > FOUND_PART * PRESS_N, FOUND_S)
+    lab.cell.advance(SETTLED_S)
+    arm, slope = lab.cell.arm, PLACE_M / RADIUS_M
+    force_N = arm.true_wrench().force_N
+    normal = np.array([slope, 0.0, np.sqrt(1.0 - slope**2)])
+    assert force_N[2] == pytest.approx(PRESS_N, abs=1.0)
+    assert normal @ force_N == pytest.approx(K_N_M * -arm.lift_off_m, rel=0.05)
+    fallen_m = arm.plate.point_m[2] - arm.T_base_tcp.translation[2]
+    assert fallen_m == pytest.approx(RADIUS_M * (1.0 - normal[2]) + PRESS_N / K_N_M, abs=3e-4)
+
+
+SLOW_M_S = 0.002
+
+
+def fastest_m_s(world: VirtualCell, duration_s: float) -> float:
+    """Return the highest mean speed of the flange in 0.2 s: a segment takes 33 ms."""
+    fastest = 0.0
+    for _ in range(round(5 * duration_s)):
+        before = world.arm.T_base_flange.translation.copy()
+        world.advance(0.2)
+        step = world.arm.T_base_flange.translation - before
+        fastest = max(fastest, 5.0 * float(np.linalg.norm(step)))
+    return fastest
+
+
+@pytest.mark.parametrize(
+    ("name", "host", "own"),
+    [("demo", "pc", ""), ("demo-tcp", "pc", "fm.v"), ("demo-tcp", "controller", "fm.lspeed"),
+     ("demo-plain", "controller", "pl.v")],
+)  # fmt: skip
+def test_force_control_is_no_faster_than_command_5(name: str, host: Host, own: str) -> None:
+    """2 mm/s on the way to contact; the controller's own speed stays above it, or it is delay."""
+    world = VirtualCell(load_cell(ROOT / "cells" / f"{name}.yaml", {"calibration": "none"}))
+    ask = world.client.ask
+    world.advance(3.0)
+    assert ask(topics.TARE, Empty()).accepted
+    world.advance(1.0)
+    assert ask(topics.SPEED, Speed(mechanical_m_s=2 * SLOW_M_S, modular_fraction=0.5)).accepted
+    assert ask(topics.ARM, ArmRequest()).accepted
+    start = ForceStartRequest(mode="position", host=host, setpoint_N=10.0)
+    assert ask(topics.FORCE_START, start).accepted
+    world.advance(0.5)
+    assert 0.5 * SLOW_M_S < fastest_m_s(world, 1.0) < 1.1 * SLOW_M_S
+    if own:
+        controller = world.runners["sensor"].service
+        assert isinstance(controller, ControllerSensor)
+        speed_mm_s = controller.machine.memory.read(own)
+        assert isinstance(speed_mm_s, float)
+        assert speed_mm_s >= 10e3 * SLOW_M_S
+
+
+PANDA = Path(__file__).resolve().parents[3] / "cells" / "panda.yaml"
+SETTLED_N, SETTLED_NM = 1.0, 0.1
+
+
+@pytest.fixture(scope="module")
+def lab() -> Lab:
+    """The armed cell over a tilted plate."""
+    return Lab(load_cell(PANDA, {"sim.tilt_deg": 5.0}))
+
+
+def test_seven_joints_are_reported_and_moved(lab: Lab) -> None:
+    """A move by joint angles takes seven of them; six are refused."""
+    before = lab.cell.arm.q
+    assert len(lab.state.joint_rad) == 7
+    turns = (0.0, 0.0, 0.1, 0.0, -0.1, 0.0, 0.2)
+    refused = lab.ask(topics.MOVE, MoveRequest(kind="by", joint_rad=turns[:6]))
+    assert "6 joint angles, the arm of the cell file has 7 joints" in refused.text
+    for sign in (1.0, -1.0):
+        goal = before + np.array(turns) * max(sign, 0.0)
+        move = MoveRequest(kind="by", joint_rad=tuple(sign * turn for turn in turns))
+        assert lab.ask(topics.MOVE, move).accepted
+        lab.finish_move(20.0)
+        assert lab.cell.arm.q == pytest.approx(goal, abs=1e-3)
+
+
+def test_force_control_settles(lab: Lab) -> None:
+    """Force and torque reach their set points on a plate that is tilted by five degrees."""
+    start = ForceStartRequest(mode="both", setpoint_N=PRESS_N)
+    assert lab.ask(topics.FORCE_START, start).accepted
+    lab.cell.advance(4.0)
+    for _ in range(10):
+        lab.cell.advance(0.1)
+        wrench = lab.now(lab.wrench)
+        assert np.linalg.norm(wrench.force_N) == pytest.approx(PRESS_N, abs=SETTLED_N)
+        assert np.linalg.norm(wrench.torque_Nm) < SETTLED_NM
+    tool, normal = (
+        lab.cell.arm.T_base_tcp.rotation[:, 2],
+        plate_at_rest(lab.cell.arm.settings).normal,
+    )
+    assert np.degrees(np.arccos(-tool @ normal)) < 0.5
+    assert lab.status.state == "ACTIVE"

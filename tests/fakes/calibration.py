@@ -41,18 +41,16 @@ class Notes:
         """Start without lines."""
         self.lines: list[str] = []
         self.stages: list[str] = []
-        self.shares: list[float] = []
         self._events: list[tuple[str, Callable[[], None]]] = []
 
     def note(self, text: str) -> None:
         """Keep a line."""
         self.lines.append(text)
 
-    def progress(self, done_s: float, total_s: float, text: str) -> None:
+    def progress(self, _done_s: float, _total_s: float, text: str) -> None:
         """Keep changes of the progress, and run the function of this stage, once."""
         if not self.stages or self.stages[-1] != text:
             self.stages.append(text)
-        self.shares.append(done_s / total_s if total_s else 0.0)
         for event in self._events:
             if event[0] in text:
                 self._events.remove(event)

@@ -35,13 +35,3 @@ def test_show_does_not_print_a_token(tmp_path: Path) -> None:
     shown = run("show", "--cell", path, "--json").stdout
     assert "do-not-tell-this" not in shown
     assert json.loads(shown)["values"]["panel.token"] == {"value": "(not shown)", "from": "file"}
-
-
-def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
-    """The sentences are those of the text output, with the exit code of a wrong cell file."""
-    path = tmp_path / "cell.yaml"
-    path.write_text(DEMO.read_text() + "\nrolls: {}\n")
-    done = run("check", path, "--json")
-    assert done.exit_code == USAGE
-    assert any("did you mean roles?" in line for line in json.loads(done.stdout)["mistakes"])
-    assert json.loads(run("check", DEMO, "--json").stdout)["mistakes"] == []

@@ -208,7 +208,7 @@ def test_without_a_running_cell_the_next_step_is_printed(verb: str) -> None:
     assert "forcemesh up" in text
 
 
-def test_an_internal_error_is_one_line(tmp_path: Path) -> None:
+def test_an_internal_error_is_one_line() -> None:
     """The traceback is printed only on request."""
     program = (
         "import sys, cli.__main__ as program, typer\n"
@@ -217,21 +217,16 @@ def test_an_internal_error_is_one_line(tmp_path: Path) -> None:
         "sys.argv = ['forcemesh', 'broken']\n"
         "program.main()\n"
     )
-    results = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-            env=os.environ | variables,
+    command = [sys.executable, "-c", program]
+    for traceback in ("", "1"):
+        env = os.environ | {"FORCEMESH_TRACEBACK": traceback}
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=env)
+        assert done.returncode == 1
+        assert ("Traceback" in done.stderr) == bool(traceback)
+        assert traceback or (done.stderr.count("\n"), "KeyError: 'oops'" in done.stderr) == (
+            1,
+            True,
         )
-        for variables in ({}, {"FORCEMESH_TRACEBACK": "1"})
-    ]
-    assert [done.returncode for done in results] == [1, 1]
-    assert results[0].stderr.count("\n") == 1
-    assert "KeyError: 'oops'" in results[0].stderr
-    assert "Traceback" in results[1].stderr
 
 
 def test_the_page_of_the_command_line_has_every_verb_option_and_exit_code() -> None:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from common.config.payload import BiasDrift, load
+from common.config.payload import load
 from tests.fakes import verb_calls
 from tests.fakes.weights import TRUTH, drawn, write_recording
 
@@ -77,21 +77,3 @@ def test_a_fitted_payload_is_checked_on_another_recording(tmp_path) -> None:
     report = json.loads(run(*words, "--json").stdout)
     assert report["residual_force_N_mean"] == pytest.approx(0.5 * 9.80665, rel=0.02)
     assert "line of the max" in run(*words).stdout
-
-
-def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path) -> None:
-    """Rows of the fit's period are explained with the drift; later ones with its end value."""
-    drift = BiasDrift(
-        start_s=0.0, end_s=90.0, force_N=(3.0, -2.0, 1.0), torque_Nm=(0.1, -0.05, 0.05)
-    )
-    drifting, out = TRUTH.model_copy(update={"drift": drift}), tmp_path / "payload.yaml"
-    path = write_recording(tmp_path / "a.csv", drawn(payload=drifting))
-    assert json.loads(run("fit", path, "--out", out, "--json").stdout)["model"] == "drift"
-    for samples, used in (
-        (drawn(1, drifting, start_s=5.0), "used"),
-        (drawn(2, start_s=1e6), "of another time, not used"),
-    ):
-        path = write_recording(tmp_path / "b.csv", samples)
-        report = json.loads(run("check", path, "--payload", out, "--json").stdout)
-        assert report["drift"] == used
-        assert report["residual_force_N_mean"] < 0.06

@@ -1,7 +1,6 @@
 """Messages of a topic in a CSV file: columns, gaps, ends, wrong input."""
 
 import csv
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +16,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.errors import LostError
-from forcemesh.messages import ArbiterStatus, Message, RobotState, Trip, WrenchAtTcp
+from forcemesh.messages import Message, WrenchAtTcp
 from forcemesh.topics import Topic
 from tests.fakes.bench import DEMO
 
@@ -72,21 +71,6 @@ def test_every_message_is_a_row_and_every_number_is_exact(
     times_s = [float(row["time_s"]) for row in rows]
     assert times_s[0] == 0.0
     assert times_s == sorted(times_s)
-
-
-def test_columns_are_those_of_the_first_valid_message(tmp_path: Path) -> None:
-    """Messages without joints have the same columns; a list of variable length is JSON."""
-    silent = RobotState(valid=False, reason="not connected")
-    messages: list[Message] = [silent, RobotState(joint_rad=(0.1,) * 6), silent]
-    _, rows = written_by(topics.ROBOT_STATE, messages, tmp_path / "a.csv", count=3)
-    assert [row["valid"] for row in rows] == ["False", "True", "False"]
-    assert [row["joint_rad.5"] for row in rows] == ["", "0.1", ""]
-    assert [row["reason"] for row in rows] == ["not connected", "", "not connected"]
-    trip = Trip(code="force", rule=201, text="31 N, limit 30 N", value=31.0, limit=30.0, unit="N")
-    messages = [ArbiterStatus(), ArbiterStatus(trips=(trip,))]
-    _, rows = written_by(topics.ARBITER_STATUS, messages, tmp_path / "b.csv", count=2)
-    (found,) = json.loads(rows[1]["trips"])
-    assert found["value"] == 31.0
 
 
 def test_writing_ends_after_the_time_or_with_an_error_in_silence(tmp_path: Path) -> None:

@@ -3,14 +3,11 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from common.config.load import load_cell
 from controller.plain import PROGRAM, START
 from launch.controller_program import (
     SHIPPED,
     is_plain,
-    main,
     program_file,
     program_of,
     write_program,
@@ -46,16 +43,3 @@ def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monk
     assert [path.name for path in tmp_path.iterdir()] == ["demo-plain-plain.as"]
     assert program_of(TCP) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
     assert (is_plain(PLAIN), is_plain(TCP), is_plain(SIM)) == (True, False, False)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [([], "one argument is needed: a cell file"), (["no.yaml"], "no.yaml"),
-     ([str(CELLS / "demo.yaml")], "gateway: the section is missing")],
-)  # fmt: skip
-def test_wrong_arguments_are_one_line(arguments, text, capsys) -> None:
-    """Exit code 2, nothing on standard output."""
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert text in err

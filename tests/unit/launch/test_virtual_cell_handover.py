@@ -13,10 +13,8 @@ from forcemesh import topics
 from forcemesh.errors import ArmStoppedError, RefusedError
 from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
 from tests.contract.rig import DEMO_CELL
-from tests.fakes.bench import DEMO
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
-TCP = load_cell(DEMO.with_name("demo-tcp.yaml"))
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
 LAST_SET_POINT_S = 0.03  # until set points in flight at the handover have arrived
 
@@ -73,21 +71,6 @@ def test_a_move_takes_the_arm_from_force_feedback(motion: str, commander: str) -
     lab.assert_still(0.3)
     lab.approach()
     assert lab.status.commander == "regulator"
-
-
-def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
-    """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
-    lab = Lab(TCP)
-    press(lab, "pc")
-    ownership = lab.status.ownership
-    request = ForceStartRequest(mode="position", host="controller", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).accepted
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "feedback", 1.0)
-    assert lab.status.ownership > ownership
-    lab.cell.advance(1.0)
-    assert lab.status.commander == "regulator"
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
 
 
 WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})

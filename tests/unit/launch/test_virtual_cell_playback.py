@@ -13,7 +13,7 @@ from launch.virtual_cell import VirtualCell, WorldClock
 from services.recorder.reading import RecordedBytes, RecordedFile, play
 from tests.fakes.bench import DEMO
 from tests.fakes.lab import Lab
-from tests.fakes.recorded_cell import recorded_from_start
+from tests.fakes.recorded_cell import recorded
 
 ROBOT_ALONE = ("hub", "wrench", "regulator", "arbiter")
 STILL_RAD = 1e-9  # of commanded joints
@@ -23,7 +23,7 @@ CONNECTED_S = 1.6  # a controller's hello and its first reports
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> list[RecordedBytes]:
     """Every message of a cell that is armed, moves and presses, twice."""
-    path = recorded_from_start(tmp_path_factory.mktemp("recording"))
+    path = recorded(tmp_path_factory.mktemp("recording"))
     messages = list(RecordedFile(path).raw_messages())
     commands = [each.data for each in messages if each.topic == topics.ROBOT_COMMAND.key]
     kinds = {c.kind for _, c in (decode(data, RobotCommand) for data in commands) if c.permission}

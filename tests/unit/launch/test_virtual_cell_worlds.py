@@ -124,21 +124,6 @@ def lab() -> Lab:
     return Lab(load_cell(PANDA, {"sim.tilt_deg": 5.0}))
 
 
-def test_seven_joints_are_reported_and_moved(lab: Lab) -> None:
-    """A move by joint angles takes seven of them; six are refused."""
-    before = lab.cell.arm.q
-    assert len(lab.state.joint_rad) == 7
-    turns = (0.0, 0.0, 0.1, 0.0, -0.1, 0.0, 0.2)
-    refused = lab.ask(topics.MOVE, MoveRequest(kind="by", joint_rad=turns[:6]))
-    assert "6 joint angles, the arm of the cell file has 7 joints" in refused.text
-    for sign in (1.0, -1.0):
-        goal = before + np.array(turns) * max(sign, 0.0)
-        move = MoveRequest(kind="by", joint_rad=tuple(sign * turn for turn in turns))
-        assert lab.ask(topics.MOVE, move).accepted
-        lab.finish_move(20.0)
-        assert lab.cell.arm.q == pytest.approx(goal, abs=1e-3)
-
-
 def test_force_control_settles(lab: Lab) -> None:
     """Force and torque reach their set points on a plate that is tilted by five degrees."""
     start = ForceStartRequest(mode="both", setpoint_N=PRESS_N)

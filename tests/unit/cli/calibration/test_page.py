@@ -9,14 +9,10 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cli.calibration.finish import Job, store_result
 from cli.calibration.output_files import OutputFiles, output_files
 from cli.calibration.page import page
-from common.config.cell import CellConfig
-from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import predict
 from forcemesh.errors import BusError, ForcemeshError, RefusedError
@@ -24,19 +20,12 @@ from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
 from identification.verification import (
-    Residual,
     VerificationBounds,
-    judge_residual,
 )
 from tests.fakes.calibration import demo_cell
+from tests.fakes.weights import TRUTH
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
-TRUTH = Payload(
-    mass_kg=1.2,
-    com_m=(0.01, -0.02, 0.06),
-    bias_force_N=(1.0, -2.0, 3.0),
-    bias_torque_Nm=(0.1, 0.0, -0.1),
-)
 
 
 def dwell(purpose: Purpose, seed: int, push_N: float = 0.0) -> Dwell:
@@ -89,22 +78,6 @@ def test_the_page_has_verdict_numbers_and_pictures_and_needs_no_other_file(fresh
     assert not any(word in html for word in ("<script", "@import", "url("))
 
 
-# --- verdict --------------------------------------------------------------------------------------
-
-norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
-
-
-@settings(max_examples=60)
-@given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
-def test_the_verdict_passes_when_every_residual_is_within_its_bound(left, most_N, most_Nm):
-    """The largest residual decides, for force and torque."""
-    verdict = judge_residual(
-        Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
-    )
-    assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
-    assert verdict.text.startswith(verdict.result)
-
-
 # --- files ----------------------------------------------------------------------------------------
 
 
@@ -132,58 +105,41 @@ def test_out_overrides_the_cell_file_with_advice(tmp_path, monkeypatch):
 class RunningCell:
     """A cell that gives one reply to a calibration."""
 
-    def __init__(self, reply: Reply | ForcemeshError) -> None:
-        self.reply = reply
-        self.sent: list[str] = []
+    def __init__(self, error: ForcemeshError | None = None) -> None:
+        self.error, self.sent = error, list[str]()
 
     def calibrate(self, calibration_json: str) -> Reply:
         """Keep the calibration and reply."""
         self.sent.append(calibration_json)
-        if isinstance(self.reply, ForcemeshError):
-            raise self.reply
-        return self.reply
+        if self.error is not None:
+            raise self.error
+        return Reply(accepted=True)
 
 
-def stored(
-    folder: Path, found: Findings, cell: Any = None, *, config: CellConfig = CELL, **job: Any
-) -> tuple[int, str, set[str]]:
-    """Store findings; return exit code, the last sentence, and the calibrations in the folder."""
-    places = OutputFiles(folder / "demo.yaml")
-    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        code = store_result(Job(config, places, VerificationBounds(), **job), found, cell)
-    names = {path.name for path in folder.glob("*.yaml")}
-    return code, printed.getvalue().splitlines()[-1], names
+UNUSED = {"demo.unused.yaml"}
 
 
 @pytest.mark.parametrize(
-    ("reply", "code", "sentence"),
+    ("fresh", "push_N", "error", "job", "code", "sentence", "names"),
     [
-        (RefusedError("contact", "24.8 N"), 3, "refused it (contact): 24.8 N"),
-        (BusError("request/calibration: no answer"), 4, "is not known: `forcemesh status`"),
+        (3, 0.0, RefusedError("contact", "24.8 N"), {"use": True}, 3, "refused it (contact): 24.8",
+         UNUSED),
+        (3, 0.0, BusError("no answer"), {"use": True}, 4, "is not known: `forcemesh status`",
+         UNUSED),
+        (3, 0.0, None, {}, 0, "the cell does not use it: only --use puts", UNUSED),
+        (0, 0.0, None, {"use": True}, 1, "no fresh pose has verified it", UNUSED),
+        (3, 2.0, None, {"use": True}, 1, "nothing was written or put into use", set()),
+        (3, 2.0, None, {"force": True}, 1, "does not use it: it failed", UNUSED),
     ],
-)
-def test_a_calibration_that_the_cell_refuses_ends_non_zero(found, tmp_path, reply, code, sentence):
-    """PASS does not suffice, and the next start does not load a refused calibration."""
-    service: Any = RunningCell(reply)
-    ended, last, names = stored(tmp_path, found, service, use=True)
-    assert (ended, names) == (code, {"demo.unused.yaml"})
-    assert sentence in last
-
-
-@pytest.mark.parametrize(
-    ("fresh", "push_N", "job", "code", "sentence", "names"),
-    [
-        (3, 0.0, {}, 0, "the cell does not use it: only --use puts", {"demo.unused.yaml"}),
-        (0, 0.0, {"use": True}, 1, "no fresh pose has verified it", {"demo.unused.yaml"}),
-        (3, 2.0, {"use": True}, 1, "nothing was written or put into use", set()),
-        (3, 2.0, {"force": True}, 1, "does not use it: it failed", {"demo.unused.yaml"}),
-    ],
-)
-def test_only_a_verified_calibration_that_is_to_be_used_is_sent(
-    tmp_path, fresh, push_N, job, code, sentence, names
+)  # fmt: skip
+def test_only_a_verified_calibration_that_is_to_be_used_is_sent_and_loaded(
+    tmp_path, fresh, push_N, error, job, code, sentence, names
 ):
-    """Any other one is neither sent nor loaded at the next start."""
-    service: Any = RunningCell(Reply(accepted=True))
-    ended, last, found = stored(tmp_path, findings(fresh, push_N), service, **job)
-    assert (ended, service.sent, found) == (code, [], names)
-    assert sentence in last
+    """The next start does not load one that the cell has refused, or that is not to be used."""
+    service: Any = RunningCell(error)
+    made = Job(CELL, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), **job)
+    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
+        assert store_result(made, findings(fresh, push_N), service) == code
+    assert {path.name for path in tmp_path.glob("*.yaml")} == names
+    assert sentence in printed.getvalue().splitlines()[-1]
+    assert bool(service.sent) == (error is not None)

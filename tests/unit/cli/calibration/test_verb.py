@@ -138,28 +138,22 @@ def quiet_cell(tmp_path) -> Path:
     return path
 
 
-def calibration_in(path: Path) -> CalibrationSection:
-    """Return the calibration of a file."""
-    return CalibrationSection(**yaml.safe_load(path.read_text()))
-
-
 def test_a_recording_alone_gives_an_unverified_calibration(tmp_path, quiet_cell):
     """The cell need not be up; without a second recording there is no verdict and no use."""
     recording = write_recording(tmp_path / "a.csv", drawn(1, poses=12))
-    result = run("--from", recording, "--cell", quiet_cell)
-    assert result.exit_code == 0, result.stderr
-    found = calibration_in(tmp_path / "made" / "demo.unused.yaml")
-    assert load_cell(quiet_cell).calibration is None
+    for words, code, sentence in (
+        ((), 0, "the cell does not use it"),
+        (("--use",), 1, "no fresh pose has verified it"),
+    ):
+        result = run("--from", recording, *words, "--cell", quiet_cell)
+        assert result.exit_code == code, result.stderr
+        assert "NOT VERIFIED" in result.stdout
+        assert sentence in result.stdout.splitlines()[-1]
+        assert load_cell(quiet_cell).calibration is None
+    path = tmp_path / "made" / "demo.unused.yaml"
+    found = CalibrationSection(**yaml.safe_load(path.read_text()))
     assert (found.method, found.verified) == ("recording", None)
     assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
-    assert "NOT VERIFIED" in result.stdout
-    assert "the cell does not use it" in result.stdout.splitlines()[-1]
-    assert "NOT VERIFIED" in (tmp_path / "made" / "demo.unused.html").read_text()
-
-    used = run("--from", recording, "--use", "--cell", quiet_cell)
-    assert used.exit_code == 1
-    assert "no fresh pose has verified it" in used.stdout.splitlines()[-1]
-    assert load_cell(quiet_cell).calibration is None
 
 
 @pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])

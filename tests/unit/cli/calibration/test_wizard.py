@@ -1,16 +1,21 @@
 """Calibration wizard in a whole virtual cell: a complete run, and every early end."""
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cli.calibration.by_arm import drive
+from cli.calibration.gather import STILL_WITHIN_S, Gatherer
 from cli.calibration.wizard import CalibrationWizard
 from cli.context import INTERRUPTED
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
+from identification.errors import CalibrationError
 from identification.excitation.plan import CalibrationPlan
+from sim.robot.ft_sensor import FtSample
 from tests.fakes.calibration import HOME_RAD, QUICK, CalibrationLab, demo_cell
 
 FEW = {"poses": 6, "verify_poses": 1}
@@ -97,19 +102,6 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
     assert_rests(lab)
 
 
-def test_a_cell_without_sensor_readings_is_refused_before_anything_moves():
-    """Without a sensor nothing is armed, so no hold is needed."""
-    lab = CalibrationLab()
-    plan = lab.plan(**FEW)
-    lab.world.arm.ft_sensor.disturb = lambda sample: None
-    lab.world.advance(0.5)
-    _, ended = driven(lab, plan)
-    assert ended == 1
-    assert lab.notes.lines == ["no reading within 2 s: sensor/wrench missing; nothing was moved"]
-    assert status_of(lab).state == "IDLE"
-    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
-
-
 def test_an_arm_in_use_by_another_client_is_not_moved():
     """Neither a hold nor force feedback is replaced by a calibration."""
     lab = CalibrationLab()
@@ -131,3 +123,82 @@ def test_an_arm_in_use_by_another_client_is_not_moved():
     assert ended == 3
     assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
     assert status_of(lab).commander == "regulator"
+
+
+@pytest.fixture
+def lab() -> CalibrationLab:
+    """A cell at home that is not armed."""
+    return CalibrationLab()
+
+
+@pytest.fixture
+def gatherer(lab: CalibrationLab) -> Gatherer:
+    """A client of that cell that has received messages."""
+    found = Gatherer(lab.client)
+    found.until_received()
+    return found
+
+
+def no_watch(_what: str) -> None:
+    """Ignore the progress."""
+
+
+def test_a_dwell_holds_each_good_reading_once(lab: CalibrationLab, gatherer: Gatherer) -> None:
+    """Half a second at 250 Hz, at the place of the sensor; the wrench is moved to its origin."""
+    tool = lab.world.arm.model.body("tool").id
+    lab.world.arm.data.xfrc_applied[tool][0] = 5.0
+    lab.world.advance(0.5)
+    dwell = gatherer.dwell("fit", 0.5, no_watch)
+    assert len(dwell) == 125
+    assert np.diff(dwell.time_s) == pytest.approx(np.full(124, 0.004))
+    assert len(np.unique(dwell.force_N, axis=0)) > 100
+    T_sensor = lab.world.arm.T_base_flange * lab.cell.sensor.T_flange_sensor.pose
+    T_tcp = lab.world.arm.T_base_tcp
+    assert dwell.position_m[0] == pytest.approx(T_sensor.translation, abs=1e-6)
+    assert dwell.attitude == pytest.approx(T_sensor.rotation, abs=1e-6)
+    wrench = lab.bus.reader(topics.WRENCH)
+    lab.world.advance(0.1)
+    at_tcp = wrench.read(lab.world.clock.now_ns()).message
+    assert at_tcp is not None
+    lever = np.cross(T_tcp.translation - T_sensor.translation, at_tcp.force_N)
+    assert np.linalg.norm(lever) > 0.5
+    assert dwell.residual_N == pytest.approx(np.array(at_tcp.force_N), abs=0.2)
+    assert dwell.residual_Nm == pytest.approx(at_tcp.torque_Nm + lever, abs=0.05)
+    assert gatherer.active_calibration == at_tcp.calibration
+
+
+def test_a_dwell_begins_when_arm_and_force_are_still(
+    lab: CalibrationLab, gatherer: Gatherer
+) -> None:
+    """After the end of the motion and the settling of the force; else one sentence says why."""
+    arm = lab.world.arm
+    assert lab.bus.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
+    move = MoveRequest(kind="by", joint_rad=(0.2, 0.0, 0.0, 0.0, 0.0, 0.0), speed_m_s=0.3)
+    assert lab.bus.ask(topics.MOVE, move).accepted
+    waits: list[str] = []
+    gatherer.dwell("fit", 0.3, waits.append)
+    assert any("the arm to rest" in text for text in waits)
+    assert waits[-1] == "reading"
+    assert arm.q[0] == pytest.approx(0.2, abs=1e-3)
+    rising_N = np.array([0.0, 0.0, 0.8])
+
+    def disturb(sample: FtSample) -> FtSample:
+        return replace(sample, force_N=sample.force_N + arm.time_s * rising_N)
+
+    arm.ft_sensor.disturb = disturb
+    began_s = arm.time_s
+    with pytest.raises(CalibrationError, match="waiting for a steady force"):
+        gatherer.dwell("fit", 0.3, no_watch)
+    assert arm.time_s - began_s == pytest.approx(STILL_WITHIN_S, abs=0.2)
+
+
+def test_a_fault_while_reading_is_read_again(lab: CalibrationLab, gatherer: Gatherer) -> None:
+    """After a short fault the whole dwell is repeated, once; the error has the sensor's reason."""
+    arm, began_s = lab.world.arm, lab.world.arm.time_s
+    silent_s = (began_s + 0.4, began_s + 0.5)
+    arm.ft_sensor.disturb = lambda x: None if silent_s[0] < arm.time_s < silent_s[1] else x
+    assert len(gatherer.dwell("fit", 0.5, no_watch)) == 125
+    assert arm.time_s > silent_s[1] + 0.5
+    arm.ft_sensor.disturb = lambda x: None if arm.time_s % 0.5 > 0.4 else x
+    with pytest.raises(CalibrationError, match=r"failed twice: .*sensor/wrench stale"):
+        gatherer.dwell("fit", 1.0, no_watch)

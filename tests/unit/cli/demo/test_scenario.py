@@ -130,9 +130,3 @@ def test_the_approach_is_one_that_the_segments_bear(row, step_s, stiffness_N_m) 
     cell = demo_cell(OVER_TCP, trial)
     assert list(contact_trips(cell)) == []
     assert cell.force.approach_m_s <= segment_approach_m_s(cell)
-
-
-def test_a_cell_without_segments_approaches_as_the_gain_rule_permits() -> None:
-    """The simulated robot has none."""
-    cell = demo_cell(DEMO, DemoOverrides(stiffness_N_m=1e5))
-    assert cell.force.approach_m_s == pytest.approx(cell.approach_limit_m_s)

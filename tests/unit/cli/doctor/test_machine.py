@@ -26,14 +26,13 @@ from cli.doctor.machine import (
     sensor_line,
 )
 from cli.doctor.remedies import REMEDIES
-from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.config.payload import Payload
 from forcemesh.bus import Reading
 from forcemesh.messages import Health
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
+from tests.unit.common.config.test_calibration import calibration
 
 CELLS = DEMO.parent
 NETFT = load_cell(CELLS / "demo-netft.yaml")
@@ -42,23 +41,16 @@ NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
 GOOD = RdtRecord(1, 1, 0, (0,) * 6)
 
 
-def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
-    """Return the cell with a calibration of this age in days."""
-    residuals = Residuals(
-        poses=8, force_mean_N=0.1, force_max_N=0.2, torque_mean_Nm=0.01, torque_max_Nm=0.02
-    )
+def calibrated(days: int, **changes: Any) -> CellConfig:
+    """Return the real cell with a calibration of this age in days."""
     found: dict[str, Any] = {
-        "cell": cell.cell,
+        "cell": REAL.cell,
         "made_at": NOW - dt.timedelta(days=days),
-        "method": "arm",
-        "tool": cell.tool.name,
-        "T_flange_tcp": cell.tool.T_flange_tcp,
-        "T_flange_sensor": cell.sensor.T_flange_sensor,
-        "fit": residuals,
-        "verified": residuals,
-        "payload": Payload(mass_kg=0.5, com_m=(0.0, 0.0, 0.05)),
+        "tool": REAL.tool.name,
+        "T_flange_tcp": REAL.tool.T_flange_tcp,
+        "T_flange_sensor": REAL.sensor.T_flange_sensor,
     }
-    return cell.model_copy(update={"calibration": CalibrationSection(**(found | changes))})
+    return REAL.model_copy(update={"calibration": calibration(**(found | changes))})
 
 
 def using(**shares: float) -> dict[str, Health]:
@@ -104,10 +96,10 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (check_calibration(REAL, NOW), "FAIL", "calibration"),
     (check_calibration(none(REAL), NOW), "WARN", "calibration"),
     (check_calibration(CELL, NOW), "PASS", ""),
-    (check_calibration(calibrated(REAL, 3), NOW), "PASS", ""),
-    (check_calibration(calibrated(REAL, 400), NOW), "WARN", "calibration.old"),
-    (check_calibration(calibrated(REAL, 3, tool="another"), NOW), "FAIL", "calibration"),
-    (check_calibration(calibrated(REAL, 3, verified=None), NOW), "FAIL", "calibration"),
+    (check_calibration(calibrated(3), NOW), "PASS", ""),
+    (check_calibration(calibrated(400), NOW), "WARN", "calibration.old"),
+    (check_calibration(calibrated(3, tool="another"), NOW), "FAIL", "calibration"),
+    (check_calibration(calibrated(3, verified=None), NOW), "FAIL", "calibration"),
     (check_role("wrench", OLD, ""), "FAIL", "role.version"),
     (sensor_line(CELL, is_up=False), "SKIP", ""),  # simulated
     (sensor_line(NETFT, is_up=True), "SKIP", ""),  # the cell uses its only stream

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cli.probe.fingerprint import fingerprint
 from cli.probe.link import ProbeError, ProbeLink
-from cli.probe.readings import ProbeReadings, duration_s, ramp_s, trace_of
+from cli.probe.readings import ProbeReadings, trace_of
 from cli.probe.stages import Found, stage_c
 from common.config.probe import ProbeFile
 
@@ -60,9 +60,6 @@ def planner(least_s: float, slowest_s: float = 0.0) -> Reply:
     return reply
 
 
-# --- stage b --------------------------------------------------------------------------------------
-
-
 # --- stage c --------------------------------------------------------------------------------------
 
 
@@ -76,26 +73,6 @@ def test_the_search_ends_around_the_least_segment(least_s: float) -> None:
     assert min(passed) / max(failed) < 1.05
     assert len(failed) <= 4
     assert link.commands[-1] == "stay"
-
-
-@pytest.mark.parametrize(
-    ("mspeed", "speed_mm_s", "absolute", "scale", "follows"),
-    [
-        (50.0, 5.1, 0.0, "0.5", True),
-        (50.0, 9.5, -1.0, "1.0", False),
-        (50.0, 0.0, 0.0, "0.5", None),
-        (80.0, 8.0, -1.0, "1.0", None),
-    ],
-)
-def test_the_first_motion_shows_whether_speed_follows_the_monitor_speed(
-    mspeed: float, speed_mm_s: float, absolute: float, scale: str, follows: bool | None
-) -> None:
-    """Where it cannot, the switch ABS.SPEED decides for the program speeds, and null is written."""
-    found, link = moved(
-        planner(0.0), mspeed=mspeed, speed_mm_s=speed_mm_s, **{"switch.abs.speed": absolute}
-    )
-    assert f"scale {scale}" in link.commands
-    assert found.follows is follows
 
 
 @pytest.mark.parametrize(
@@ -141,17 +118,6 @@ def samples(delay_s: float, lag_s: float, ramp: float) -> list[tuple[float, floa
     return list(zip(t[::41].tolist(), arm[::41].tolist(), strict=True))
 
 
-# --- replies --------------------------------------------------------------------------------------
-
-
-@given(st.floats(-1e6, 1e6, allow_nan=False), st.sampled_from(["mspeed", "switch.cp", "a.b_s"]))
-def test_a_value_survives_the_line(value: float, name: str) -> None:
-    """As AS prints a number: eight digits."""
-    found = ProbeReadings.of([f"{name}  {value:.8g}"])
-    assert found.get(name) == pytest.approx(value, rel=1e-7, abs=1e-9)
-    assert not found.malformed
-
-
 def test_a_line_of_each_kind_is_read() -> None:
     """Values, refused steps, lines with their expected values, samples."""
     found = ProbeReadings.of([
@@ -182,16 +148,6 @@ def test_delay_and_lag_come_back_from_a_trace(delay_s: float, lag: float, ramp: 
     assert mean_s == pytest.approx(delay_s + lag, abs=2e-3)
     found_s = max(0.0, trace.spread_s2 - ramp * ramp / 12.0) ** 0.5
     assert found_s == pytest.approx(lag, rel=0.06, abs=1e-3)
-
-
-@given(st.floats(0.001, 0.5), st.floats(2.0, 20.0))
-def test_the_ramp_comes_back_from_two_motions(ramp: float, slower: float) -> None:
-    """Also where the speed is not reached."""
-    longer_s = duration_s(TRAVEL_MM, SPEED_MM_S, slower * ramp) - duration_s(
-        TRAVEL_MM, SPEED_MM_S, ramp
-    )
-    found = ramp_s(TRAVEL_MM, SPEED_MM_S, slower=slower, later_s=0.5 * longer_s)
-    assert found == pytest.approx(ramp, rel=1e-6)
 
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)

@@ -5,14 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.report.data import ReportContent, StopEvent
+from cli.report.data import ReportContent, StopEvent, report_content
 from cli.report.forecasts import PressForce, measured_press, presses_of, rows_of
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.faults import tripped
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply, ServedRequest
+from forcemesh.requests import (
+    ArmRequest,
+    Empty,
+    ForceStartRequest,
+    PathRequest,
+    Reply,
+    ServedRequest,
+)
+from services.recorder.reading import RecordedFile
 from tests.fakes.bench import CELL
-from tests.fakes.recorded_cell import Job, recorded_from_start
+from tests.fakes.recorded_cell import Job, RecordedCell, recorded
 from tests.fakes.verb_calls import run
 
 SETPOINT_N = 15.0
@@ -49,7 +57,7 @@ def approach(t_s: Array, final_N: float = SETPOINT_N, tau_s: float = 0.1) -> Arr
 def test_a_report_of_our_own_recording_has_forecast_and_measured(tmp_path: Path) -> None:
     """The whole chain in virtual time: both rows are as forecast."""
     page = tmp_path / "page.html"
-    done = run("report", recorded_from_start(tmp_path, JOB), "--no-3d", "-o", page)
+    done = run("report", recorded(tmp_path, JOB), "--no-3d", "-o", page)
     settles, peak = (line for line in done.stdout.splitlines() if line.startswith("press at"))
     assert "settles after touch: forecast 0." in settles
     assert settles.endswith("(as forecast)")
@@ -94,3 +102,40 @@ def test_the_error_on_a_path_is_judged_by_the_upper_end() -> None:
     assert fed.texts[-1] == "as forecast"
     assert peak.measured == pytest.approx(SETPOINT_N, abs=0.01)
     assert settles.texts[-1] == "above the forecast"
+
+
+PRESS = ForceStartRequest(
+    mode="position", setpoint_N=10.0, law="adaptive", axes=(False, False, True) * 2
+)
+JOB = ["approach", "impact", "contact", "sliding", "contact", "lost", "free"]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a tool that presses, slides and leaves."""
+    cell = RecordedCell(tmp_path_factory.mktemp("contacts"))
+    cell.record("slide")
+    x, y, z = cell.world.arm.T_base_tcp.translation
+    path = PathRequest(points_m=((x, y + 0.01, z),), speed_m_s=0.02)
+    cell.play((
+        (topics.TARE, Empty(), 0.1), (topics.ARM, ArmRequest(), 0.1),
+        (topics.FORCE_START, PRESS, 2.0), (topics.FORCE_PATH, path, 1.5),
+        (topics.FORCE_START, PRESS.replaced(setpoint_N=0.0), 0.6),
+        (topics.FORCE_STOP, Empty(), 1.0),
+    ))  # fmt: skip
+    return cell.stop("slide")
+
+
+def test_the_states_of_a_job_are_read_back(recording: Path) -> None:
+    """Exactly those of the job; each with its whole duration and peak force."""
+    read = RecordedFile(recording)
+    assert read.cell is not None
+    log = report_content(read, read.cell).contacts
+    states = [each.state for _, each in log.states]
+    assert states[-len(JOB) :] == JOB
+    for (began_s, before), (next_s, after) in zip(log.states, log.states[1:], strict=False):
+        assert after.number == before.number + 1
+        assert before.duration_s == after.before_s
+        assert before.peak_N == after.before_peak_N
+        if before.duration_s > 0.06 and before.number > 1:
+            assert next_s - began_s == pytest.approx(before.duration_s, abs=0.06)

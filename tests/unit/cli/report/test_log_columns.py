@@ -12,7 +12,6 @@ from cli.report.log_table import KINDS, MISSING, CsvTable, number_in, read_numbe
 from cli.report.log_units import DEFAULTS, UNITS, named_units, unit_in_name
 from forcemesh.errors import DataError
 from tests.fakes.force_logs import first_order, setpoint_at, times, write_csv
-from tuning.force_log import Signal
 
 COUNT = 100
 TIME = [0.01 * number for number in range(COUNT)]
@@ -159,16 +158,6 @@ def test_the_axis_that_changes_most_is_judged_with_the_sign_of_the_set_point(
         ({"setpoint": "-10"}, "fz"),
     ):
         assert read(tmp_path, columns, **choice).judged.name == name
-
-
-def test_a_set_point_holds_until_the_next_one(tmp_path: Path) -> None:
-    """A log may store it when it changes only; before the first one there is none."""
-    aimed = ["", "", 5.0, *[""] * 47, 8.0, *[""] * 49]
-    log = read(tmp_path, {"t": TIME, "fz": RISING, "set point [kN]": aimed}, units="kN")
-    assert isinstance(log.setpoint, Signal)
-    assert log.setpoint.time_s[0] == pytest.approx(0.02)
-    assert log.setpoint.value[47:49].tolist() == [5000.0, 8000.0]
-    assert len(log.setpoint.value) == COUNT - 2
 
 
 # --- units ----------------------------------------------------------------------------------------

@@ -6,20 +6,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.context import OK, USAGE
+from cli.report.log_mcap import McapTable
+from cli.report.log_table import read_numbers
+from forcemesh.errors import DataError
 from tests.fakes.force_logs import (
     WRENCH_STAMPED,
     first_order,
+    json_messages,
     noise,
     press_csv,
-    second_order,
-    setpoint_at,
     times,
     wrench_cdr,
-    write_csv,
     write_mcap,
 )
 
@@ -65,36 +68,6 @@ def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None
     assert [column["name"] for column in tree["columns"]] == ["fx", "fy", "fz"]
 
 
-def test_a_log_with_faults_has_them_on_the_page_and_in_the_summary(tmp_path: Path) -> None:
-    """Clipping, an oscillation, a gap, missing values, a dead channel."""
-    time_s = times()
-    force = 20.0 * second_order(time_s, damping=0.3, rad_s=20.0) + noise(2500, 0.05)
-    force += (
-        0.5
-        * setpoint_at(time_s, 1.0)
-        * (time_s > 2.0)
-        * second_order(time_s - 2.0, damping=0.001, rad_s=150.0, at_s=0.0)
-    )
-    rows = [number for number in range(2500) if not 1000 <= number < 1050]
-    columns: dict[str, list[object]] = {
-        "t": [time_s[number] for number in rows],
-        "fx": ["" if number < 3 else 0.25 for number in rows],
-        "fz": [min(force[number], 24.0) for number in rows],
-    }
-    code, out, _ = run(write_csv(tmp_path / "log.csv", columns), "--setpoint", 20)
-    page = (tmp_path / "log.html").read_text(encoding="utf-8")
-    assert code == OK
-    sentences = ("gaps in the samples: 1", "overshoot", "is an oscillation of 23.9 Hz")
-    for sentence in (
-        *sentences,
-        "fx never changes",
-        "fx has no value in 3 rows",
-        "is flat at 24 N",
-    ):
-        assert sentence in out
-        assert sentence in page
-
-
 def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> None:
     """WrenchStamped of ROS 2, beside another topic; the times of the file are late and uneven."""
     force = 10.0 * first_order(times(), TAU_S) + noise(2500, 0.02)
@@ -137,3 +110,84 @@ def test_every_mistake_is_one_sentence(
     assert sentence in error
     assert error.count("\n") == 1
     assert not (tmp_path / "press.html").exists()
+
+
+JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}
+FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
+TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")
+numbers = st.floats(-1e30, 1e30)
+
+
+@given(six=st.tuples(*[numbers] * 6), frame=st.text("abc_", max_size=20), big=st.booleans())
+def test_a_wrench_in_cdr_is_read_to_the_last_digit(
+    six: tuple[float, ...], frame: str, big: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Whatever the length of the frame's name, which moves the alignment, and the byte order.
+
+    A geometry_msgs/Wrench has no stamp: its time is that of the file.
+    """
+    path = tmp_path_factory.mktemp("bag") / "log.mcap"
+    data = wrench_cdr(7.25, six, frame=frame, order=">" if big else "<")
+    write_mcap(path, {("/ft", WRENCH_STAMPED, "cdr"): [(9.0, data)]})
+    found = read_numbers(McapTable(path, None), ("stamp_s", "log_time_s", *FORCES, *TORQUES))
+    assert [found[name][0] for name in (*FORCES, *TORQUES)] == list(six)
+    assert (found["stamp_s"][0], found["log_time_s"][0]) == (7.25, 9.0)
+    bare = data[:4] + data[-48:]
+    write_mcap(path, {("/ft", "geometry_msgs/Wrench", "cdr"): [(9.0, bare)]})
+    table = McapTable(path, None)
+    assert table.time_names == ("log_time_s",)
+    assert read_numbers(table, ("force.z",))["force.z"].tolist() == [six[2]]
+
+
+def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
+    """Times are those of the message's header where it has one; a missing field is missing."""
+    trees = [
+        {"header": {"stamp": {"sec": 5, "nanosec": 500_000_000}}, "wrench": {"force": {"z": 2.0}}},
+        {"header": {"stamp": {"sec": 6, "nanosec": 0}}, "wrench": {"force": {}}, "note": "x"},
+    ]
+    messages = [(float(at), json.dumps(tree).encode()) for at, tree in enumerate(trees, 10)]
+    table = McapTable(write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages}), None)
+    assert table.time_names[0] == "stamp_s"
+    found = read_numbers(table, ("stamp_s", "wrench.force.z"))
+    assert found["stamp_s"].tolist() == [5.5, 6.0]
+    assert found["wrench.force.z"][0] == 2.0
+    assert str(found["wrench.force.z"][1]) == "nan"
+    with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a number within"):
+        read_numbers(table, ("note",))
+
+
+@pytest.mark.parametrize(
+    ("schema", "encoding", "data", "sentence"),
+    [
+        (WRENCH_STAMPED, "ros1", b"", "topic /ft is geometry_msgs/msg/WrenchStamped, ros1 and"),
+        ("foxglove.Pose", "protobuf", b"", "cannot be read: read are JSON and"),
+        ("", "", b"", "topic /ft is no schema, no encoding and cannot be read"),
+        (WRENCH_STAMPED, "cdr", b"\0\1\0\0\0", "message 1 cannot be decoded"),
+        (WRENCH_STAMPED, "cdr", b"\0", "message 1 cannot be decoded: it is shorter"),
+        ("W", "json", b"{", "message 1 cannot be decoded"),
+        ("W", "json", b"{}", "topic /ft has no message with fields"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_its_kind(
+    tmp_path: Path, schema: str, encoding: str, data: bytes, sentence: str
+) -> None:
+    """And with the conversion."""
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", schema, encoding): [(1.0, data)]})
+    with pytest.raises(DataError, match=r"a\.mcap: ") as raised:
+        McapTable(path, "/ft")
+    assert sentence in str(raised.value)
+
+
+def test_an_unknown_topic_is_refused_and_a_truncated_file_is_read_up_to_its_end(
+    tmp_path: Path,
+) -> None:
+    """The message lists the topics with schema and encoding; the note comes once."""
+    rows = 40_000
+    messages = json_messages({"t": range(rows), "fz": range(rows)})
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages})
+    with pytest.raises(DataError, match=r"topic '/f' is missing; the topics are: /ft \(W, json\)"):
+        McapTable(path, "/f")
+    path.write_bytes(path.read_bytes()[:500_000])
+    table = McapTable(path, None)
+    assert 1000 < len(read_numbers(table, ("fz",))["fz"]) < rows
+    assert table.notes == ["the file is truncated: read up to its end"]

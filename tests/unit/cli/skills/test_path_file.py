@@ -51,14 +51,6 @@ def test_a_thinned_path_keeps_its_ends_and_stays_near_every_pose(recorded, toler
             assert off <= tolerance_m + np.linalg.norm(b - a) / 399
 
 
-def test_comments_spaces_and_other_columns_are_ignored(tmp_path: Path) -> None:
-    """Files of spreadsheets are accepted."""
-    path = tmp_path / "path.csv"
-    path.write_text("# a comment\nname, x_mm ,y_mm,z_mm\na,1,2,3\n# another\nb,4,5,6\n")
-    expected = np.array([[0.001, 0.002, 0.003], [0.004, 0.005, 0.006]])
-    assert np.array(read_points(path)) == pytest.approx(expected)
-
-
 ANGLES = "x_mm,y_mm,z_mm,o_deg,a_deg,t_deg"
 
 

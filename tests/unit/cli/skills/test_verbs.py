@@ -18,7 +18,7 @@ from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
-from tests.fakes.verbs import call_verb
+from tests.fakes.verb_calls import call_verb
 
 assert CELL.sim is not None
 GAP_MM = 1e3 * CELL.sim.gap_m

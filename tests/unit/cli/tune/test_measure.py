@@ -15,7 +15,7 @@ from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
 from tests.fakes.sim_truth import motion_lag_s
-from tests.fakes.verbs import call_verb
+from tests.fakes.verb_calls import call_verb
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
 from tuning.servo import Servo

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from cli.calibration import by_arm
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from common.motion.frames import GRAVITY_M_S2, skew
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import RobotState
 from identification.errors import CalibrationError
@@ -103,19 +102,6 @@ def test_goals_and_paths_stay_inside_from_any_start(offset, walls, turn_deg):
 def plan() -> CalibrationPlan:
     """The plan of the demo's cell."""
     return make_plan(cell_with(), ARM, HOME_RAD, PlanOptions())
-
-
-def test_the_expected_condition_number_is_that_of_the_design_matrix(plan):
-    """The number that is printed is the ratio of singular values of the scaled plain problem."""
-    rows = []
-    for R in plan.R_base_sensor[list(plan.fit)]:
-        g = R.T @ np.array([0.0, 0.0, -GRAVITY_M_S2])
-        zeros = np.zeros((3, 3))
-        rows.append(np.hstack([g[:, None], zeros, np.eye(3), zeros]))
-        rows.append(np.hstack([np.zeros((3, 1)), -skew(g), zeros, np.eye(3)]))
-    A = np.vstack(rows)
-    singular = np.linalg.svd(A / np.linalg.norm(A, axis=0), compute_uv=False)
-    assert plan.conditioning == pytest.approx(singular[0] / singular[-1], rel=1e-3)
 
 
 def test_fresh_poses_are_far_from_those_of_the_fit(plan):

@@ -1,5 +1,6 @@
 """Verbs on a bus whose services are simulated by a stand-in."""
 
+import csv
 import json
 import threading
 import time
@@ -182,6 +183,9 @@ def test_watch_prints_messages_and_writes_a_new_file(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     assert f"{len(lines) - 1} messages of robot/state, 0 lost" in done.stdout
     assert len(lines) > 10
+    rows = list(csv.DictReader(lines))
+    assert [float(rows[3][f"position_m.{axis}"]) for axis in "xyz"] == [0.1, 0.2, 0.3]
+    assert 0.0 == float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 0.6
     for words, sentence in (
         (("watch", "robot/state", "--csv", path), "exists"),
         (("watch", "robot/state", "--csv", tmp_path / "no" / "robot.csv"), "cannot be written"),

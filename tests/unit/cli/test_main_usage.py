@@ -1,6 +1,5 @@
 """Verbs while no cell is up: usage, imports, tables."""
 
-import io
 import json
 import os
 import subprocess
@@ -11,8 +10,6 @@ import pytest
 import typer
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
-from rich.table import Table
 
 from cli.context import (
     NEXT_STEP,
@@ -25,7 +22,6 @@ from cli.context import (
     one_line_errors,
 )
 from cli.numbers import POSE, parse_gain, parse_vector
-from cli.tables import print_table
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.errors import (
@@ -122,21 +118,6 @@ def test_an_error_gives_its_message_and_exit_code(
         raise error
     assert caught.value.exit_code == code
     assert capsys.readouterr().err.startswith(output)
-
-
-NAME = "controller.server_monitor_speed_fraction_of_the_program"
-
-
-@pytest.mark.parametrize("width", [20, 40, 80, 200])
-def test_no_name_is_cut_on_a_narrow_terminal(width: int) -> None:
-    """The line may exceed the terminal's width."""
-    console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
-    table = Table("key", "value")
-    table.add_row(NAME, "a text of several words that may be broken between them")
-    print_table(console, table)
-    printed = console.file.getvalue()  # type: ignore[attr-defined]
-    assert NAME in printed
-    assert "…" not in printed
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

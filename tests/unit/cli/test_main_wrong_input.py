@@ -77,10 +77,12 @@ ROWS: tuple[tuple[str, str], ...] = (
     ("guide --record a --playback b", "cannot be combined"),
     ("report NOWHERE", "cannot be read: No such file or directory"),
     ("report BAD", "no column is certainly the time: name it with --time; the columns are: not, a, recording"),
+    ("report BAD -o BAD", "is the file that is read: choose another name"),
     ("report BAD --topic ft", "--topic ft: a text file has no topics"),
     ("report HERE", "a log of another robot is .csv, .tsv, .txt, .dat, .log or .mcap"),
     ("export BAD", "not a recording, or truncated"),
     ("replay BAD", "not a recording"),
+    ("bringup --again fly", "--again fly: no such step; there are network"),
     ("bringup", "has no section `gateway`"),
     ("probe", "gateway: the section is missing"),
     ("probe --out .", "--out .: is a folder; name a file"),
@@ -220,7 +222,9 @@ def test_an_internal_error_is_one_line() -> None:
     command = [sys.executable, "-c", program]
     for traceback in ("", "1"):
         env = os.environ | {"FORCEMESH_TRACEBACK": traceback}
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=env)
+        done = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, check=False, env=env
+        )
         assert done.returncode == 1
         assert ("Traceback" in done.stderr) == bool(traceback)
         assert traceback or (done.stderr.count("\n"), "KeyError: 'oops'" in done.stderr) == (

@@ -120,7 +120,13 @@ def test_the_report_is_one_page_with_plots_stops_and_requests(
     assert run("report", recording, "-o", page, "--no-3d").exit_code == 0
     text = page.read_text(encoding="utf-8")
     assert text.count("data:image/svg+xml;base64,") == text.count("src=") == 5
-    for part in ("HOLDING · hold (501)", "&lt;enough&gt;", "Remedy: ", "<td>force/start</td>"):
+    for part in (
+        "HOLDING · hold (501)",
+        "&lt;enough&gt;",
+        "Remedy: ",
+        "<td>force/start</td>",
+        ">impact<",
+    ):
         assert part in text
     assert "@import" not in text
     assert 'href="http' not in text

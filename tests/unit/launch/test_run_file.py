@@ -69,27 +69,6 @@ def test_live_runs_come_first_and_newer_ones_before_older_ones(folder: Path) -> 
     assert [run.cell for run in read_runs()] == ["new", "old", "over"]
 
 
-def test_the_runtime_folder_of_the_user_comes_first_the_temporary_one_last(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Between them that of the checkout; runs in any are found; other users cannot write there."""
-    monkeypatch.delenv(FOLDER_VARIABLE)
-    (tmp_path / "file").touch()
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    places = (
-        (tmp_path / "file", tmp_path / "none", tmp_path / f"forcemesh-{os.getuid()}"),
-        (tmp_path, tmp_path / "none", tmp_path / ".run"),
-        (tmp_path, tmp_path, tmp_path / "forcemesh"),
-    )
-    for number, (root, runtime, expected) in enumerate(places):
-        monkeypatch.setattr("launch.run_file.ROOT", root)
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-        assert writable_folder() == expected
-        write_run(a_run(f"run{number}"))
-        assert expected.name == ".run" or expected.stat().st_mode & 0o077 == 0
-    assert {run.cell for run in read_runs()} == {"run0", "run1", "run2"}
-
-
 def test_a_process_is_alive_only_under_its_own_start_time() -> None:
     """A reused pid is not the process that was started."""
     pid = os.getpid()

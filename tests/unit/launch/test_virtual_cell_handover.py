@@ -1,18 +1,14 @@
 """Handover between commanders in a whole cell: the arm rests in between and never jumps."""
 
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cli import verbs_arm
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.errors import ArmStoppedError, RefusedError
+from forcemesh.errors import ArmStoppedError
 from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
-from tests.contract.rig import DEMO_CELL
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
@@ -73,9 +69,6 @@ def test_a_move_takes_the_arm_from_force_feedback(motion: str, commander: str) -
     assert lab.status.commander == "regulator"
 
 
-WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})
-
-
 def client_of(lab: Lab) -> ConfiguredCell:
     """Return a client of the lab."""
     return ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
@@ -96,20 +89,3 @@ def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> Non
     client.move.retract()
     assert abs(lab.force_N) < 2.0
     assert client.load_N() is None
-
-
-def test_the_verb_names_a_next_step_that_is_accepted(monkeypatch, capsys) -> None:
-    """Freed and still in contact: arming for all is refused, arming for jog is accepted."""
-    lab = Lab(WIDE)
-    client = client_of(lab)
-    with pytest.raises(ArmStoppedError):
-        client.jog((0.0, 0.0, -0.08))
-    lab.cell.advance(1.5)
-    monkeypatch.setattr(verbs_arm, "cell_of", lambda _cell: nullcontext(client))
-    verbs_arm.back_off(yes=True)
-    assert "arm for jog, then `forcemesh retract`" in capsys.readouterr().out
-    lab.cell.advance(1.2)
-    with pytest.raises(RefusedError, match="forcemesh retract`; else") as refused:
-        client.arm(within_s=0.0)
-    assert refused.value.code == "payload"
-    assert lab.status.clears.startswith("if in contact, arm for jog")

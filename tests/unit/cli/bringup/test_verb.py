@@ -11,8 +11,8 @@ from cli.bringup import judge, needs, steps
 from cli.bringup.judge import Outcome
 from cli.bringup.needs import RunningCell, Situation
 from cli.bringup.steps import BringupStep
-from cli.context import NOT_WELL, OK, REFUSED, USAGE
-from common.config.evidence import evidence_file, read_evidence
+from cli.context import NOT_WELL, OK, REFUSED
+from common.config.evidence import read_evidence
 from common.config.load import cell_hash, dump_cell, load_cell
 from tests.fakes.bench import DEMO
 from tests.fakes.verb_calls import run
@@ -159,20 +159,3 @@ def test_a_changed_input_and_again_make_a_step_due_again(lab: Lab) -> None:
     assert lab.states() == ["passed"] * 4
     lab.run("--again", "probe", "--yes")
     assert len(lab.ran) == 2
-
-
-def test_a_mistake_is_one_sentence_before_a_step(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step that does not exist; evidence that cannot be read, or not written."""
-    code, output = lab.run("--again", "fly")
-    assert (code, "--again fly: no such step; there are network" in output) == (USAGE, True)
-    evidence_file(lab.file).write_text("bringup: 2\n")
-    assert lab.run()[0] == USAGE
-    evidence_file(lab.file).unlink()
-
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "replace", refuse)
-    code, output = lab.run("--yes")
-    assert (code, lab.ran) == (USAGE, [])
-    assert "lab.bringup.yaml: cannot be written: Permission denied" in output

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,20 @@ import numpy as np
 import pytest
 
 from cli.calibration.finish import Job, store_result
-from cli.calibration.output_files import OutputFiles, output_files
+from cli.calibration.output_files import OutputFiles
 from cli.calibration.page import page
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import predict
-from forcemesh.errors import BusError, ForcemeshError, RefusedError
+from forcemesh.errors import BusError, DataError, ForcemeshError, RefusedError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
 from identification.verification import (
+    Residual,
+    VerificationBounds,
+    active_residual,
+    judge_residual,
+)
     VerificationBounds,
 )
 from tests.fakes.calibration import demo_cell
@@ -81,22 +87,16 @@ def test_the_page_has_verdict_numbers_and_pictures_and_needs_no_other_file(fresh
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_out_overrides_the_cell_file_with_advice(tmp_path, monkeypatch):
-    """A path that differs from the cell's own needs a line in the cell file."""
-    cell_file = tmp_path / "cells" / "a.yaml"
-    cell_file.parent.mkdir()
-    cell_file.write_text("calibration: ../made/a.yaml\n")
-    own = output_files(CELL, cell_file, None)
-    assert (own.calibration, own.advice) == (tmp_path / "made" / "a.yaml", "")
-    assert output_files(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
-    other = output_files(CELL, cell_file, tmp_path / "b.yaml")
-    assert other.calibration == tmp_path / "b.yaml"
-    assert f"set `calibration: ../b.yaml` in {cell_file}" in other.advice
-    cell_file.write_text("")
-    monkeypatch.chdir(tmp_path)
-    default = output_files(CELL, cell_file, None)
-    assert default.calibration == Path("calibration") / "demo.yaml"
-    assert "set `calibration: ../calibration/demo.yaml` in" in default.advice
+def test_every_residual_must_be_within_its_bound_at_every_pose() -> None:
+    """The largest one decides, of force and of torque; a pose without a wrench verifies nothing."""
+    for force_N, torque_Nm, passed in ((0.2, 0.01, True), (0.3, 0.0, False), (0.0, 0.02, False)):
+        left = Residual(np.array([0.0, force_N]), np.array([torque_Nm, 0.0]))
+        assert judge_residual(left, VerificationBounds(0.2, 0.01)).passed is passed
+    good = dwell("verify", 1, push_N=0.25)
+    assert active_residual([good]).force_N == pytest.approx([0.25])
+    silent = replace(good, residual_N=None, residual_Nm=None)
+    with pytest.raises(DataError, match="not valid at every pose"):
+        active_residual([good, silent])
 
 
 # --- use of the result ----------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from cli.calibration.verb import puts_into_use
 from common.bus.configured_cell import ConfiguredCell
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
@@ -98,6 +99,19 @@ def test_the_running_cell_and_its_next_start_use_the_calibration(lab, tmp_path, 
     again = run("--yes", "--verify-only", "--cell", tmp_path / "cell.yaml", *FAST)
     assert again.exit_code == 0, again.stderr
     assert f"calibration in use: {found.revision}" in again.stdout
+
+
+def test_the_wizard_uses_its_result_and_other_methods_need_the_option() -> None:
+    """--out, a recording, manual poses or --force alone do not put the result into use."""
+    for out, use, force, moves_arm, uses in (
+        (None, False, False, False, False),
+        (None, True, False, False, True),
+        (None, False, False, True, True),
+        (Path("a.yaml"), False, False, True, False),
+        (Path("a.yaml"), True, False, True, True),
+        (None, False, True, True, False),
+    ):
+        assert puts_into_use(out=out, use=use, force=force, moves_arm=moves_arm) is uses
 
 
 @pytest.mark.parametrize("lab", ["none"], indirect=True)  # the wrench is calibrated

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.report.data import ReportContent, StopEvent, report_content
+from cli.report.data import ReportContent, StopEvent
 from cli.report.forecasts import PressForce, measured_press, presses_of, rows_of
 from common.motion.frames import Array
 from forcemesh import topics
@@ -18,7 +18,6 @@ from forcemesh.requests import (
     Reply,
     ServedRequest,
 )
-from services.recorder.reading import RecordedFile
 from tests.fakes.bench import CELL
 from tests.fakes.recorded_cell import Job, RecordedCell, recorded
 from tests.fakes.verb_calls import run
@@ -124,18 +123,3 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (topics.FORCE_STOP, Empty(), 1.0),
     ))  # fmt: skip
     return cell.stop("slide")
-
-
-def test_the_states_of_a_job_are_read_back(recording: Path) -> None:
-    """Exactly those of the job; each with its whole duration and peak force."""
-    read = RecordedFile(recording)
-    assert read.cell is not None
-    log = report_content(read, read.cell).contacts
-    states = [each.state for _, each in log.states]
-    assert states[-len(JOB) :] == JOB
-    for (began_s, before), (next_s, after) in zip(log.states, log.states[1:], strict=False):
-        assert after.number == before.number + 1
-        assert before.duration_s == after.before_s
-        assert before.peak_N == after.before_peak_N
-        if before.duration_s > 0.06 and before.number > 1:
-            assert next_s - began_s == pytest.approx(before.duration_s, abs=0.06)

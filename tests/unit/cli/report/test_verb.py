@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.context import OK, USAGE
+from cli.context import OK
 from cli.report.log_mcap import McapTable
 from cli.report.log_table import read_numbers
 from forcemesh.errors import DataError
@@ -89,27 +89,6 @@ def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> Non
     ]
     assert tree["sampling"]["largest_jitter_s"] < 1e-6
     assert judged(path, "--time", "log_time_s")["sampling"]["largest_jitter_s"] > 1e-4
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--band", "wide"), "--band 'wide': must be a positive number with % or a unit"),
-        (("--axis", "f"), "--axis 'f' is no force or torque of the log"),
-        (("-o", "{}"), "is the file that is read: choose another name"),
-        (("-o", "/proc/none"), "/proc/none: cannot be written"),
-    ],
-)
-def test_every_mistake_is_one_sentence(
-    tmp_path: Path, options: tuple[str, ...], sentence: str
-) -> None:
-    """With exit code 2, without a page."""
-    path = press_csv(tmp_path / "press.csv")
-    code, out, error = run(path, *(option.replace("{}", str(path)) for option in options))
-    assert (code, out) == (USAGE, "")
-    assert sentence in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "press.html").exists()
 
 
 JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}

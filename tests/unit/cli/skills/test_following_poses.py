@@ -14,7 +14,7 @@ from cli.skills.contact_monitor import ContactSample, no_progress
 from cli.skills.following import PathParameters, Standstill
 from cli.skills.following_poses import follow_poses
 from cli.skills.path_file import write_poses
-from cli.skills.touch_repeats import TouchStatistics, contact_text, touch_often
+from cli.skills.touch_repeats import TouchStatistics, touch_often
 from forcemesh.errors import DataError, NotReachedError
 from tests.fakes.bench import CELL
 from tests.fakes.verb_calls import call_verb
@@ -157,23 +157,3 @@ def test_touches_of_a_rigid_plate_repeat_within_a_tenth_of_a_millimetre(cell: Sk
     assert travels == pytest.approx([GAP_MM, 3.0, 3.0], abs=0.4)
     assert cell.client.contact.wait("free", within_s=1.0).valid
     assert max(found.peak_N for found in shown) < CELL.force.touch_N + CELL.force.approach_budget_N
-
-
-def test_the_verb_prints_each_contact_and_the_figures(cell: SkillCell, monkeypatch) -> None:
-    """As lines, or with --json as one object and the contacts on standard error."""
-    words = ("touch", "--repeat", "2", "--back", "2")
-    done = call_verb(monkeypatch, cell.client, no_progress, *words)
-    lines = done.stdout.splitlines()
-    assert done.exit_code == 0
-    assert len(lines) == 4
-    assert lines[0].startswith("contact with the TCP at ")
-    assert lines[2].startswith("mean of 2 contacts: ")
-    assert lines[3].startswith("standard deviation: ")
-    assert "along the tool axis" in lines[3]
-    done = call_verb(monkeypatch, cell.client, no_progress, *words, "--json")
-    values = json.loads(done.stdout)
-    assert len(values["touches"]) == 2
-    assert set(values) == {"touches", "mean_mm", "std_mm", "along_mean_mm", "along_std_mm"}
-    assert len(done.stderr.splitlines()) == 2
-    first = pressing.TouchResult(tuple(values["touches"][0]["tcp_mm"]), 0.0, 0.0)
-    assert contact_text(first).partition(" after")[0] in done.stderr

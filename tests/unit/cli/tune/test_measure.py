@@ -88,11 +88,10 @@ def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k
     assert cell.client.status().state == "ARMED"
 
 
-def test_tune_starts_armed_in_free_space_inside_the_workspace() -> None:
+def test_tune_starts_armed_in_free_space() -> None:
     """Each refusal is one sentence, without any motion."""
     cell = TuneCell()
     start = cell.p()
-    x = float(start[0])
     trial = TuningTrial(step_m=0.01)
     cell.world.arm.data.xfrc_applied[cell.world.arm.model.body("tool").id][:3] = (0.0, 0.0, 8.0)
     cell.world.advance(0.3)
@@ -100,13 +99,6 @@ def test_tune_starts_armed_in_free_space_inside_the_workspace() -> None:
         run(cell, trial)
     cell.world.arm.data.xfrc_applied[:] = 0.0
     cell.world.advance(0.3)
-    limits = cell.client.config.limits
-    narrow = limits.model_copy(update={"workspace_max_m": (x + 0.001, *limits.workspace_max_m[1:])})
-    wide = cell.client.config
-    cell.client.config = wide.model_copy(update={"limits": narrow})
-    with pytest.raises(NotReachedError, match="steps of 10 mm leave the workspace"):
-        run(cell, trial)
-    cell.client.config = wide
     cell.client.hold()
     cell.world.advance(0.1)
     with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune starts armed"):

@@ -190,6 +190,24 @@ def test_reversed_torques_are_identified_only_by_the_side_of_the_tool() -> None:
         assert "torques are all reversed" in finding.text
 
 
+@pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
+@pytest.mark.parametrize(
+    "tilts_deg", [range(0, 360, 40), (0, 60, 0, 60, 60, 0, 60, 0, 60), [0] * 9]
+)
+def test_rotations_about_one_axis_leave_a_mirrored_wiring_possible(oat_deg, tilts_deg) -> None:
+    """Gravity stays in one plane, on one line or at one point of the sensor, for any mounting."""
+    turns = np.array([oat_matrix((90.0, float(angle), -90.0)) for angle in tilts_deg])
+    R = turns @ oat_matrix(oat_deg)
+    weight = R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
+    noise = 0.01 * np.random.default_rng(5).normal(size=(9, 3))
+    recorded = replace(
+        readings(poses=9), R_base_sensor=R, force_N=weight + noise, torque_Nm=0.0 * weight
+    )
+    found = judge_installation(recorded, belief())
+    assert (found.verdict, found.findings[0].code) == ("cannot tell", "poses")
+    assert "turn the wrist" in (found.rejection_reason or "")
+
+
 RECORDED = readings(poses=8, seed=4)
 
 

@@ -26,8 +26,6 @@ from identification.verification import (
     active_residual,
     judge_residual,
 )
-    VerificationBounds,
-)
 from tests.fakes.calibration import demo_cell
 from tests.fakes.weights import TRUTH
 

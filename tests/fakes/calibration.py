@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cli.calibration.wizard import CalibrationWizard
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -35,12 +34,11 @@ def planned(cell: CellConfig, q_start: tuple[float, ...], options: PlanOptions) 
 
 
 class Notes:
-    """Progress recorder: keeps the lines, and runs a test's function at a certain stage."""
+    """Progress output: keeps the lines, and runs a test's function at a certain stage."""
 
     def __init__(self) -> None:
         """Start without lines."""
         self.lines: list[str] = []
-        self.stages: list[str] = []
         self._events: list[tuple[str, Callable[[], None]]] = []
 
     def note(self, text: str) -> None:
@@ -48,9 +46,7 @@ class Notes:
         self.lines.append(text)
 
     def progress(self, _done_s: float, _total_s: float, text: str) -> None:
-        """Keep changes of the progress, and run the function of this stage, once."""
-        if not self.stages or self.stages[-1] != text:
-            self.stages.append(text)
+        """Run the function of this stage, once."""
         for event in self._events:
             if event[0] in text:
                 self._events.remove(event)
@@ -82,7 +78,3 @@ class CalibrationLab:
         """Return a plan from the present pose."""
         plan_options = PlanOptions(**{**FAST, **options})
         return planned(self.cell, tuple(self.world.arm.q.tolist()), plan_options)
-
-    def wizard(self, plan: CalibrationPlan | None = None) -> CalibrationWizard:
-        """Return a wizard at its first stage."""
-        return CalibrationWizard(self.client, plan or self.plan(), self.notes)

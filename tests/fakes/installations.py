@@ -1,6 +1,5 @@
 """Static readings of a sensor in a given installation, and the fixes of the findings."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 from bench.payload import CellErrors, attitudes, read, truth
 from common.config.payload import Payload
 from common.motion.frames import Array, Oat, R_from_oat
-from identification.installation.terms import ExpectedInstallation, InstallationFinding
+from identification.installation.terms import ExpectedInstallation
 from identification.recording import Samples, WrenchAxes
 from identification.static_poses import carries_a_fit, sort_into_poses
 from tests.fakes.weights import write_recording
@@ -72,33 +71,6 @@ def readings(
         force_N=(samples.force_N - bias_N) @ force.T + bias_N,
         torque_Nm=(samples.torque_Nm - bias_Nm) @ torque.T + bias_Nm,
     )
-
-
-def apply_remedy(
-    finding: InstallationFinding, samples: Samples, of: ExpectedInstallation
-) -> tuple[Samples, ExpectedInstallation]:
-    """Apply the remedy of a finding of axes, word by word, to an arm that stands upright."""
-    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.remedy)
-    if finding.code == "reaction":
-        return replace(samples, force_N=-samples.force_N, torque_Nm=-samples.torque_Nm), of
-    if oat:
-        x, y, z = (float(angle) for angle in oat[1].split(","))
-        R = oat_matrix((x, y, z))
-        assert of.R_flange_sensor is not None
-        turned = samples.R_base_sensor @ of.R_flange_sensor.T @ R
-        # Positions are in flange axes, where they stay; the lever is in those of the sensor.
-        com = None if of.com_m is None else R.T @ of.R_flange_sensor @ of.com_m
-        corrected = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
-        return replace(samples, R_base_sensor=turned), corrected
-    channels = {"F": samples.force_N, "M": samples.torque_Nm}
-    after = {name: values.copy() for name, values in channels.items()}
-    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.remedy.split(";")[0])
-    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.remedy.partition("; in")[2])
-    assert orders, finding
-    for name, axis, sign, source in orders:
-        value = channels[name][:, "xyz".index(source)]
-        after[name][:, "xyz".index(axis)] = -value if sign else value
-    return replace(samples, force_N=after["F"], torque_Nm=after["M"]), of
 
 
 def recorded(path: Path, wiring: Array = EYE, wrench_axes: WrenchAxes = "sensor") -> Path:

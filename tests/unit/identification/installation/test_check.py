@@ -1,5 +1,6 @@
 """Check of the sensor's installation from the tool's weight, with remedies that fix it."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,9 +20,9 @@ from common.motion.frames import (
 )
 from identification.installation.axis_fit import EYE, SIGNED, TURNS
 from identification.installation.check import judge_installation
-from identification.installation.terms import ExpectedInstallation
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.recording import Samples
-from tests.fakes.installations import ERRORS, PAYLOAD, apply_remedy, belief, oat_matrix, readings
+from tests.fakes.installations import ERRORS, PAYLOAD, belief, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")
 
@@ -48,6 +49,33 @@ def wired(wiring, channels):
         "force": EYE if channels == "torques" else wiring,
         "torque": EYE if channels == "forces" else wiring,
     }
+
+
+def apply_remedy(
+    finding: InstallationFinding, samples: Samples, of: ExpectedInstallation
+) -> tuple[Samples, ExpectedInstallation]:
+    """Apply the remedy of a finding of axes, word by word, to an arm that stands upright."""
+    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.remedy)
+    if finding.code == "reaction":
+        return replace(samples, force_N=-samples.force_N, torque_Nm=-samples.torque_Nm), of
+    if oat:
+        x, y, z = (float(angle) for angle in oat[1].split(","))
+        R = oat_matrix((x, y, z))
+        assert of.R_flange_sensor is not None
+        turned = samples.R_base_sensor @ of.R_flange_sensor.T @ R
+        # Positions are in flange axes, where they stay; the lever is in those of the sensor.
+        com = None if of.com_m is None else R.T @ of.R_flange_sensor @ of.com_m
+        corrected = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
+        return replace(samples, R_base_sensor=turned), corrected
+    channels = {"F": samples.force_N, "M": samples.torque_Nm}
+    after = {name: values.copy() for name, values in channels.items()}
+    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.remedy.split(";")[0])
+    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.remedy.partition("; in")[2])
+    assert orders, finding
+    for name, axis, sign, source in orders:
+        value = channels[name][:, "xyz".index(source)]
+        after[name][:, "xyz".index(axis)] = -value if sign else value
+    return replace(samples, force_N=after["F"], torque_Nm=after["M"]), of
 
 
 @pytest.mark.parametrize("channels", CHANNELS)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.context import live_cell
+from cli.context import default_cell_file, find_cell_file, live_cell
 from common.config.load import cell_hash, dump_cell
 from forcemesh.errors import ConfigError, DataError
 from launch.run_file import (
@@ -92,7 +92,9 @@ def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
     """Later edits of its file do not matter: a hold does not wait for a valid file."""
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(CELL))
+    assert find_cell_file(None) == default_cell_file()
     write_run(new_run(CELL, path))
+    assert find_cell_file(None) == path
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
     path.write_text("cell: [")
     assert cell_hash(live_cell(path)) == cell_hash(CELL)

@@ -9,7 +9,6 @@ import pytest
 from cli.calibration.by_arm import drive
 from cli.calibration.gather import STILL_WITHIN_S, Gatherer
 from cli.calibration.wizard import CalibrationWizard
-from cli.context import INTERRUPTED
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ArmRequest, HoldRequest, MoveRequest
@@ -81,36 +80,6 @@ def assert_rests(lab: CalibrationLab) -> None:
     q = lab.world.arm.q_command
     lab.world.advance(0.5)
     assert lab.world.arm.q_command == pytest.approx(q, abs=1e-9)
-
-
-def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
-    """An interruption during a move: the arm brakes, and earlier readings are kept."""
-    lab = CalibrationLab()
-
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    lab.notes.at("pose 2 of 6: moving", interrupt)
-    wizard, ended = driven(lab)
-    assert ended == INTERRUPTED
-    assert len(wizard.dwells) == 1
-    assert (
-        "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
-        in lab.notes.lines[-1]
-    )
-    assert status_of(lab).state == "HOLDING"
-    assert_rests(lab)
-
-
-def test_an_arm_in_use_by_another_client_is_not_moved():
-    """A hold is not replaced by a calibration."""
-    lab = CalibrationLab()
-    plan = lab.plan(**FEW)
-    lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
-    lab.world.advance(0.2)
-    _, ended = driven(lab, plan)
-    assert ended == 3
-    assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
 
 
 @pytest.fixture

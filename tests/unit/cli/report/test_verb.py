@@ -71,29 +71,6 @@ def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None
     assert [column["name"] for column in tree["columns"]] == ["fx", "fz"]
 
 
-def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> None:
-    """WrenchStamped of ROS 2, beside another topic; the times of the file are late and uneven."""
-    force = 10.0 * first_order(times(), TAU_S) + noise(2500, 0.02)
-    late = noise(2500, 0.0002) + 0.01
-    wrenches = [
-        (at + delay, wrench_cdr(at, (0.0, 0.0, each, 0.0, 0.0, 0.0), frame="ft"))
-        for at, each, delay in zip(times() + 100.0, force, late, strict=True)
-    ]
-    topics = {
-        ("/joints", "sensor_msgs/msg/JointState", "cdr"): [(100.0, b"\0" * 8)],
-        ("/ft/wrench", WRENCH_STAMPED, "cdr"): wrenches,
-    }
-    path = write_mcap(tmp_path / "bag.mcap", topics)
-    tree = judged(path, "--setpoint", 10)
-    assert tree["segments"][1]["settling_s"] == pytest.approx(TAU_S * math.log(20.0), abs=0.015)
-    assert tree["notes"][:2] == [
-        "the topic is /ft/wrench, the only one that can be read",
-        "time is column 'stamp_s', by its name",
-    ]
-    assert tree["sampling"]["largest_jitter_s"] < 1e-6
-    assert judged(path, "--time", "log_time_s")["sampling"]["largest_jitter_s"] > 1e-4
-
-
 JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}
 FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
 TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")

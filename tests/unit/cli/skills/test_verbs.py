@@ -9,14 +9,11 @@ import pytest
 from cli.context import INTERRUPTED
 from cli.skills import following, force_session, pressing
 from cli.skills.contact_monitor import no_progress
-from cli.skills.path_file import read_poses, write_poses
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from common.motion.convert import pose_of
 from forcemesh.errors import ArmStoppedError, NotReachedError
 from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
-from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
 from tests.fakes.verb_calls import call_verb
 
@@ -106,38 +103,6 @@ def test_follow_keeps_the_force_on_a_path(cell: SkillCell) -> None:
     assert 1e3 * (cell.p_tcp() - start)[:2] == pytest.approx([0.0, 20.0], abs=0.3)
     assert (done.length_mm, done.contacts_lost) == (pytest.approx(20.0), 0)
     assert done.mean_error_N < 0.5
-
-
-def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_path) -> None:
-    """Guided by a compliant grip, saved, moved away and played back: the end pose is the same."""
-    client, arm = cell.client, cell.world.arm
-    axes_are_checked(cell.world.client)
-    client.jog(shift_m=(0.0, 0.0, -0.02), axes="tool")
-    start, tool = cell.p_tcp(), arm.model.body("tool").id
-    began_s = arm.data.time
-
-    def pull(_done_s, _total, _text) -> None:
-        goal = start + np.array([0.0, 0.03 * min(arm.data.time - began_s, 1.0), 0.0])
-        arm.data.xfrc_applied[tool][:3] = 500.0 * (goal - cell.p_tcp())
-
-    guided = pressing.GuidedPath()
-    pressing.guide(
-        client, guided, mode="position", seconds=1.6, is_finished=lambda: False, progress=pull
-    )
-    arm.data.xfrc_applied[tool][:3] = 0.0
-    led = cell.p_tcp() - start
-    assert 1e3 * led == pytest.approx([0.0, 30.0, 0.0], abs=8.0)
-    assert guided.peak_N < 8.0
-    cell.world.advance(0.5)
-    assert np.linalg.norm(cell.p_tcp() - start - led) < 2e-3  # without a push it stays
-    end = pose_of(client.state()).translation
-    write_poses(tmp_path / "path.csv", guided.times_s, guided.poses)
-    client.jog(shift_m=(0.0, 0.01, 0.0))
-    poses = read_poses(tmp_path / "path.csv")
-    played_count = pressing.play_back(client, poses, tolerance_m=0.001, speed_m_s=0.1)
-    assert len(poses) == len(guided.poses)
-    assert played_count < 10
-    assert pose_of(client.state()).translation == pytest.approx(end, abs=3e-3)
 
 
 def test_a_hold_by_another_client_ends_a_skill_with_its_reason(cell: SkillCell) -> None:

@@ -1,4 +1,4 @@
-"""Verbs while no cell is up: usage, imports, tables."""
+"""Command line while no cell is up: usage, imports, tables, errors, numbers."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Verbs on a recording of a whole virtual cell: replay, export, report, and refusals."""
+"""Verbs on a recording of a virtual cell: replay, export, report, and its services again."""
 
 import csv
 import json

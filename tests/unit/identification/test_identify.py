@@ -1,4 +1,4 @@
-"""Payload identification: synthetic payloads are recovered; undetermined values are reported."""
+"""Payload identification: payloads are recovered, what is not determined is refused; its file."""
 
 import numpy as np
 import pytest

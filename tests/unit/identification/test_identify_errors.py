@@ -1,4 +1,4 @@
-"""Payload identification: errors of sensor and cell are identified where the data show them."""
+"""Payload identification: errors of sensor and cell are identified, unusable rows are left out."""
 
 from dataclasses import replace
 

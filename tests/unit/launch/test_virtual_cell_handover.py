@@ -1,4 +1,4 @@
-"""Handover between commanders in a whole cell: the arm rests in between and never jumps."""
+"""Handover between commanders in a whole cell, and a jog into the plate: rest, and no jump."""
 
 from typing import Any
 

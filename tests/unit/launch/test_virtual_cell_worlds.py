@@ -1,4 +1,4 @@
-"""A cell whose arm is mounted on a wall, a ceiling or a slope, on a virtual clock."""
+"""Whole cells on a virtual clock: mounted on a wall, with seven joints, slowed by command 5."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Commands of a step, run in this process, and the judgement of what they gave."""
+"""Steps of the bring-up: commands and their judgement, conditions, and the page of the table."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Calibration wizard in a whole virtual cell: a complete run, and every early end."""
+"""Calibration wizard in a whole virtual cell: early ends, and reading at rest."""
 
 from dataclasses import replace
 from typing import Any

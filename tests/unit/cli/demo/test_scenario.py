@@ -1,4 +1,4 @@
-"""Demo: refusals before any start, the law that its table names, an arbiter that seems silent."""
+"""Demo: refusals, an arbiter that seems silent, its approach, and its main job."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Checks of `forcemesh doctor`: every result of every line, and every remedy."""
+"""Checks of `forcemesh doctor`: every result of every line, of a probe too, and every remedy."""
 
 import re
 from datetime import UTC, datetime, timedelta

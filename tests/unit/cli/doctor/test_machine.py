@@ -1,4 +1,4 @@
-"""Checks of `forcemesh doctor` on this PC and the sensor: findings with their remedies."""
+"""Checks of `forcemesh doctor` on this PC, its cores and the sensor, with their remedies."""
 
 import datetime as dt
 import multiprocessing as mp

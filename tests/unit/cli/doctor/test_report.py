@@ -1,4 +1,4 @@
-"""Report of `forcemesh doctor`: its lines for each kind of cell, and its exit codes."""
+"""`forcemesh doctor`: lines and exit codes for each kind of cell, and its choice of link or bus."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""Verb `report` on logs of other robots: page, summary, JSON, and refusals."""
+"""Verb `report`: logs of other robots as CSV and MCAP, with page, summary and JSON."""
 
 import json
 import math

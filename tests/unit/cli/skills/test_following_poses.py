@@ -1,4 +1,4 @@
-"""Path of poses by the command line, on a whole cell in virtual time."""
+"""Paths of poses and repeated touches, on a whole cell in virtual time."""
 
 import json
 from functools import partial

@@ -1,8 +1,9 @@
-"""Order and search of the probe, with replies of a controller that does not exist."""
+"""Replies of the probe program as values, what a trace shows, and the fingerprint: never a guess.
 
-from collections.abc import Callable
+Order, search and permission: tests/unit/controller/test_fmprobe_as.py, on the emulated controller.
+"""
+
 from datetime import UTC, datetime
-from typing import cast
 
 import numpy as np
 import pytest
@@ -10,91 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.probe.fingerprint import fingerprint
-from cli.probe.link import ProbeError, ProbeLink
 from cli.probe.readings import ProbeReadings, trace_of
-from cli.probe.stages import Found, stage_c
+from cli.probe.stages import Found
 from common.config.probe import ProbeFile
-
-Reply = Callable[[str], dict[str, float]]
-
-
-class Scripted:
-    """A link whose replies come from a function; keeps the commands."""
-
-    def __init__(self, reply: Reply, speed_mm_s: float = 0.0) -> None:
-        """Take the function, and the speed of the motions in traces."""
-        self.reply, self.commands, self.speed_mm_s = reply, list[str](), speed_mm_s
-
-    def command(self, text: str, _: float = 0.0) -> ProbeReadings:
-        """Return the function's values."""
-        self.commands.append(text)
-        if text == "trace":
-            return ProbeReadings(samples=[(0.01 * k, 0.01 * k * self.speed_mm_s)
-                                          for k in range(100)])  # fmt: skip
-        return ProbeReadings(numbers={name: [value] for name, value in self.reply(text).items()})
-
-
-def moved(
-    reply: Reply, *, mspeed: float = 50.0, speed_mm_s: float = 0.0, **still: float
-) -> tuple[Found, Scripted]:
-    """Run stage c against a function."""
-    found, link = Found(), Scripted(lambda text: reply(text) or {"x": 1.0}, speed_mm_s)
-    found.still.numbers = {"mspeed": [mspeed]} | {name: [value] for name, value in still.items()}
-    stage_c(cast("ProbeLink", link), found, lambda _: None)
-    return found, link
-
-
-def planner(least_s: float, slowest_s: float = 0.0) -> Reply:
-    """Return the replies of a controller with this least segment, and this slow a program."""
-
-    def reply(text: str) -> dict[str, float]:
-        word, *numbers = text.split()
-        if word == "go":
-            return {"go": 1.0}
-        if word != "segs":
-            return {}
-        asked_s = float(numbers[0]) / float(numbers[1])
-        code = -31117.0 if asked_s < least_s else 0.0
-        return {"segs.code": code, "segs.each_s": max(asked_s, slowest_s)}
-
-    return reply
-
-
-# --- stage c --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("least_s", [0.006, 0.09])
-def test_the_search_ends_around_the_least_segment(least_s: float) -> None:
-    """At most five errors, at intervals that fall until the first of them."""
-    found, link = moved(planner(least_s))
-    failed = [asked_s for asked_s, code, _ in found.segments if code]
-    passed = [asked_s for asked_s, code, _ in found.segments if not code]
-    assert max(failed) < least_s <= min(passed)
-    assert min(passed) / max(failed) < 1.05
-    assert len(failed) <= 4
-    assert link.commands[-1] == "stay"
-
-
-@pytest.mark.parametrize(
-    ("word", "values", "words"),
-    [
-        ("go", {"go": 0.0}, "fp.ok=1"),
-        ("brake", {"moved_away": 1.0}, "`brake`: the arm is not where stage c began"),
-        ("segs", {"x": 1.0}, "the program gave no result"),
-    ],
-)
-def test_stage_c_ends_with_the_reason(word: str, values: dict[str, float], words: str) -> None:
-    """And the program is informed that it is over."""
-    usual = planner(0.0)
-    link = Scripted(
-        lambda text: values if text.startswith(word) else usual(text) or {"x": 1.0}
-    )  # fmt: skip
-    found = Found()
-    with pytest.raises(ProbeError, match=words):
-        stage_c(cast("ProbeLink", link), found, lambda _: None)
-    assert found.stages == []
-    assert link.commands[-1] == ("go" if word == "go" else "stay")
-
 
 TRAVEL_MM, SPEED_MM_S = 5.0, 10.0
 

@@ -1,4 +1,4 @@
-"""`forcemesh probe`: questions, files, exit codes, and a link that ends, in lock step."""
+"""`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
 
 from pathlib import Path
 

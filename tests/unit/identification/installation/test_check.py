@@ -1,4 +1,4 @@
-"""Check of the sensor: axes, units and payload from the tool's weight, with remedies that fix it."""
+"""Check of the sensor: axes, units and payload from the tool's weight; remedies fix them."""
 
 import re
 from collections.abc import Callable

@@ -308,10 +308,11 @@ def test_while_the_cell_is_up_the_controller_is_not_contacted(
 @pytest.mark.realtime
 def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -> None:
     """Without a run file the publisher of robot/health reveals that the controller is in use."""
-    stop = threading.Event()
+    ready, stop = threading.Event(), threading.Event()
 
     def publish() -> None:
         with open_hub(cell) as hub:
+            ready.set()
             robot = hub.playing("robot")
             health = robot.publisher(topics.HEALTH["robot"])
             state = robot.publisher(topics.ROBOT_STATE)
@@ -325,6 +326,7 @@ def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -
         thread = threading.Thread(target=publish)
         thread.start()
         try:
+            assert ready.wait(20.0)
             found = observe_cell(cell, watch_s=1.0)
             code, words = run(path)
         finally:

@@ -26,10 +26,11 @@ from identification.verification import (
     active_residual,
     judge_residual,
 )
+from tests.fakes import weights
 from tests.fakes.calibration import demo_cell
-from tests.fakes.weights import TRUTH
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
+TRUTH = weights.TRUTH.model_copy(update={"mass_kg": 1.2})  # below contact.inertia_kg
 
 
 def dwell(purpose: Purpose, seed: int, push_N: float = 0.0) -> Dwell:

@@ -8,8 +8,8 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from forcemesh import topics
 from forcemesh.errors import ArmStoppedError
-from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
-from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
+from forcemesh.requests import MoveRequest, Reply
+from tests.fakes.lab import BRAKE_S, Lab
 
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
 LAST_SET_POINT_S = 0.03  # until set points in flight at the handover have arrived
@@ -20,15 +20,6 @@ def move(lab: Lab, commander: Any, z_m: float = 0.05) -> Reply:
     request = MoveRequest(kind="pose", pose=lab.target(z_m=z_m), commander=commander)
     reply: Reply = lab.ask(topics.MOVE, request)
     return reply
-
-
-def press(lab: Lab, host: Any) -> None:
-    """Press on the plate under force feedback."""
-    request = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).accepted
-    lab.cell.advance(2.5)
-    assert lab.status.commander == "regulator"
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
 
 
 def accelerations_rad_s2(lab: Lab, duration_s: float) -> np.ndarray:

@@ -41,9 +41,6 @@ def test_an_arm_mounted_in_any_direction_tares_arms_and_presses(mounting: str) -
     assert np.linalg.norm(lab.now(lab.wrench).force_N) < RESIDUAL_N
 
 
-K_N_M, RADIUS_M, DISC_M, ASIDE_M = 2e4, 0.1, 0.01, 0.025
-
-
 SLOW_M_S = 0.002
 
 

@@ -23,7 +23,6 @@ from tests.fakes.robot_program import READY as RUNNING
 from tests.unit.cli.doctor.test_machine import CASES as MACHINE
 from tools.tree import ROOT
 
-READY = RUNNING | Status.HELD
 SCALES = Scales()
 LOOP = {"delay_s": 0.01, "tolerance_s": 0.007}
 RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}

@@ -14,12 +14,11 @@ from forcemesh.requests import (
     ArmRequest,
     Empty,
     ForceStartRequest,
-    PathRequest,
     Reply,
     ServedRequest,
 )
 from tests.fakes.bench import CELL
-from tests.fakes.recorded_cell import Job, RecordedCell, recorded
+from tests.fakes.recorded_cell import Job, recorded
 from tests.fakes.verb_calls import run
 
 SETPOINT_N = 15.0
@@ -103,23 +102,4 @@ def test_the_error_on_a_path_is_judged_by_the_upper_end() -> None:
     assert settles.texts[-1] == "above the forecast"
 
 
-PRESS = ForceStartRequest(
-    mode="position", setpoint_N=10.0, law="adaptive", axes=(False, False, True) * 2
-)
 JOB = ["approach", "impact", "contact", "sliding", "contact", "lost", "free"]
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of a tool that presses, slides and leaves."""
-    cell = RecordedCell(tmp_path_factory.mktemp("contacts"))
-    cell.record("slide")
-    x, y, z = cell.world.arm.T_base_tcp.translation
-    path = PathRequest(points_m=((x, y + 0.01, z),), speed_m_s=0.02)
-    cell.play((
-        (topics.TARE, Empty(), 0.1), (topics.ARM, ArmRequest(), 0.1),
-        (topics.FORCE_START, PRESS, 2.0), (topics.FORCE_PATH, path, 1.5),
-        (topics.FORCE_START, PRESS.replaced(setpoint_N=0.0), 0.6),
-        (topics.FORCE_STOP, Empty(), 1.0),
-    ))  # fmt: skip
-    return cell.stop("slide")

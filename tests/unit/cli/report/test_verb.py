@@ -71,7 +71,6 @@ def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None
     assert [column["name"] for column in tree["columns"]] == ["fx", "fz"]
 
 
-JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}
 FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
 TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")
 numbers = st.floats(-1e30, 1e30)

@@ -112,6 +112,3 @@ def test_after_repeated_exits_restarting_stops_with_one_message() -> None:
         "wrench died 5 times within 60 s and is not restarted; the arm stays held. Last: "
         "killed by SIGKILL. Remove the cause, stop this with Ctrl-C, and restart `forcemesh up`"
     )
-
-
-# --- the supervisor, with small processes ---------------------------------------------------------

@@ -83,9 +83,6 @@ def test_the_page_has_verdict_numbers_and_pictures_and_needs_no_other_file(fresh
     assert not any(word in html for word in ("<script", "@import", "url("))
 
 
-# --- files ----------------------------------------------------------------------------------------
-
-
 def test_every_residual_must_be_within_its_bound_at_every_pose() -> None:
     """The largest one decides, of force and of torque; a pose without a wrench verifies nothing."""
     for force_N, torque_Nm, passed in ((0.2, 0.01, True), (0.3, 0.0, False), (0.0, 0.02, False)):

@@ -96,9 +96,3 @@ def test_an_interruption_closes_the_connection(
 def controller() -> ProbedController:
     """A controller whose stage a has ended."""
     return ProbedController(Behaviour(step_s=5e-4))
-
-
-# --- sockets --------------------------------------------------------------------------------------
-
-
-# --- replies --------------------------------------------------------------------------------------

@@ -408,6 +408,3 @@ def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
         found = judge_installation(replace(recorded, force_N=force), belief())
         assert found.verdict == ("wrong" if number else "right")
         assert f"pose {pose + 1}, left out: contact, or motion" in found.unidentified
-
-
-# --- expected installation ------------------------------------------------------------------------

@@ -90,9 +90,3 @@ def test_an_interruption_closes_the_connection(
     controller.advance(1.0)
     assert controller.machine.memory.read("fp.go") == 0
     assert not out.exists()
-
-
-@pytest.fixture
-def controller() -> ProbedController:
-    """A controller whose stage a has ended."""
-    return ProbedController(Behaviour(step_s=5e-4))

@@ -137,7 +137,7 @@ def test_a_dwell_begins_when_arm_and_force_are_still(
     assert any("the arm to rest" in text for text in waits)
     assert waits[-1] == "reading"
     assert arm.q[0] == pytest.approx(0.2, abs=1e-3)
-    rising_N = np.array([0.0, 0.0, 0.8])
+    rising_N = np.array([0.0, 0.0, 4.0])
 
     def disturb(sample: FtSample) -> FtSample:
         return replace(sample, force_N=sample.force_N + arm.time_s * rising_N)
@@ -152,10 +152,10 @@ def test_a_dwell_begins_when_arm_and_force_are_still(
 def test_a_fault_while_reading_is_read_again(lab: CalibrationLab, gatherer: Gatherer) -> None:
     """After a short fault the whole dwell is repeated, once; the error has the sensor's reason."""
     arm, began_s = lab.world.arm, lab.world.arm.time_s
-    silent_s = (began_s + 0.4, began_s + 0.5)
-    arm.ft_sensor.disturb = lambda x: None if silent_s[0] < arm.time_s < silent_s[1] else x
+    lost_s, found_s = began_s + 0.7, began_s + 0.9  # longer than deadlines.sensor_s
+    arm.ft_sensor.disturb = lambda x: None if lost_s < arm.time_s < found_s else x
     assert len(gatherer.dwell("fit", 0.5, no_watch)) == 125
-    assert arm.time_s > silent_s[1] + 0.5
-    arm.ft_sensor.disturb = lambda x: None if arm.time_s % 0.5 > 0.4 else x
+    assert arm.time_s > found_s + 0.5
+    arm.ft_sensor.disturb = lambda x: None if arm.time_s % 0.8 > 0.6 else x
     with pytest.raises(CalibrationError, match=r"failed twice: .*sensor/wrench stale"):
         gatherer.dwell("fit", 1.0, no_watch)

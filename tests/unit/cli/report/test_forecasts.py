@@ -100,6 +100,3 @@ def test_the_error_on_a_path_is_judged_by_the_upper_end() -> None:
     assert fed.texts[-1] == "as forecast"
     assert peak.measured == pytest.approx(SETPOINT_N, abs=0.01)
     assert settles.texts[-1] == "above the forecast"
-
-
-JOB = ["approach", "impact", "contact", "sliding", "contact", "lost", "free"]

@@ -229,7 +229,7 @@ def test_a_changed_gain_is_shown_and_ends_the_verb_with_an_error(
 
 
 def test_a_message_that_is_lost_or_cannot_be_decoded_is_a_difference(whole: Path) -> None:
-    """Each request has an effect on what its service publishes."""
+    """Each request has an effect on what its service publishes; one message of its own too."""
     messages, cell = read(whole)
     keys = {SERVED["regulator"].key, SERVED["arbiter"].key}
     served = [each for each in messages if each.topic in keys]
@@ -239,6 +239,8 @@ def test_a_message_that_is_lost_or_cannot_be_decoded_is_a_difference(whole: Path
         assert any(found.count for found in differences(others, cell, *COUPLED))
     places = [i for i, each in enumerate(messages) if each.topic == "arbiter/status"]
     place = places[len(places) // 2]
+    (found,) = differences([*messages[:place], *messages[place + 1 :]], cell, "arbiter")
+    assert [(each.recorded, each.now) for each in found.found] == [("not published", "published")]
     messages[place] = messages[place]._replace(data=b"\xc1")
     (found,) = differences(messages, cell, "arbiter")
     assert [(each.topic, each.name) for each in found.found] == [("arbiter/status", "message")]

@@ -7,12 +7,12 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from bench.payload import LEVEL as TRUTH
-from bench.payload import attitudes, read
+from bench.payload import LEVEL, attitudes, read
 from common.config.payload import Payload
 from common.motion.frames import Array, quaternion_from_R
 from identification.recording import COLUMNS, Samples, WrenchAxes, WrenchRecording
 
+TRUTH = LEVEL
 QUICK = settings(
     max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -30,7 +30,7 @@ def drawn(
 ) -> Samples:
     """Return noisy readings in random attitudes, ten seconds apart."""
     rng = np.random.default_rng(seed)
-    return read(payload, attitudes(rng, poses), start_s + 10.0 * np.arange(poses), rng)
+    return read(payload, attitudes(rng, poses), start_s + 10.0 * np.arange(float(poses)), rng)
 
 
 def as_recording(samples: Samples, wrench_axes: WrenchAxes) -> WrenchRecording:

@@ -29,7 +29,7 @@ def test_the_table_has_each_quantity_and_json_its_interval() -> None:
 
 def test_a_limit_that_is_broken_and_what_is_not_covered_have_their_reason() -> None:
     """On standard error, and in the JSON; the exit code is that of a forecast."""
-    words = (35, "--speed", 45, "--slope", 30, "--cell", DEMO)
+    words: tuple[object, ...] = (35, "--speed", 45, "--slope", 30, "--cell", DEMO)
     done = run(*words)
     assert done.exit_code == OK
     assert "limits.force_N is 60 N, where the arm holds: feed at most" in done.stderr

@@ -53,7 +53,7 @@ class RecordingTransport(MemoryTransport):
         return lambda data: self.published.append((key, data))
 
 
-def played(messages: list[RecordedBytes], name: str, **options: float) -> tuple[Any, int]:
+def played(messages: list[RecordedBytes], name: str, **options: Any) -> tuple[Any, int]:
     """Play under a cell's name; return what was published and the duration [ns]."""
     transport, clock = RecordingTransport(), ManualClock()
     began_ns = clock.now_ns()

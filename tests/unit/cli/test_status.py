@@ -77,7 +77,7 @@ def test_a_requested_hold_is_well_and_one_by_a_limit_is_not(cell: CellConfig) ->
     status = cell_status(cell, None) | {"state": "HOLDING", "services": []}
     for code, well in (("hold", True), ("force", False)):
         trips: list[dict[str, object]] = [{"code": code, "text": "why"}]
-        assert is_well(CellStatus(**(status | {"trips": trips}))) is well  # type: ignore[typeddict-item]
+        assert is_well(CellStatus(**(status | {"trips": trips}))) is well
 
 
 def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[ConfiguredCell]:
     """An armed cell with signals in virtual time."""
     monkeypatch.setenv("COLUMNS", "200")
     with armed_with_signals(monkeypatch, verbs_signals) as client:
-        monkeypatch.setattr(force_session, "cell_of", verbs_signals.cell_of)
+        monkeypatch.setattr(force_session, "cell_of", vars(verbs_signals)["cell_of"])
         yield client
 
 

@@ -101,7 +101,7 @@ def axes(code: int, **changes: Any) -> Outcome:
 UNCALIBRATED = ("calibration", "FAIL", "none")  # comes later
 SLOW = ("monitor speed", "FAIL", "12.5 %; robot.delay_s was measured at 25 %")
 LIGHT = {"text": "the tool weighs 1 kg", "remedy": "write it"}
-FAILED = [
+FAILED: list[Any] = [
     (judge, Outcome("tune", 1, "busy\n"), "`forcemesh tune`: busy, exit code 1", {})
     for judge in (judge_doctor, judge_installation, judge_probe, judge_calibration, judge_tuning)
 ]

@@ -4,6 +4,7 @@ import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def observed(cell: CellConfig, state: RobotState | None, numbers: dict[str, floa
     return ObservedCell(roles, Health(numbers=numbers), state, {key: rates[key] for key in streams})
 
 
-def greeted(number: int, scales: tuple[int, ...] = SCALES.vec) -> Visit:
+def greeted(number: int, scales: Any = SCALES.vec) -> Visit:
     """Return a visit whose greeting has these numbers."""
     return Visit(hello_outcome="answered", hello=Packet(ID_FIRST, Com.HELLO, number, scales))
 

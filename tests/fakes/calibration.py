@@ -66,13 +66,8 @@ class CalibrationLab:
         self.cell = cell or demo_cell(**QUICK)
         self.world = VirtualCell(self.cell)
         self.world.advance(1.2)
-        self.notes = Notes()
-        self.client = ConfiguredCell(self.cell, bus=self.world.client)
-
-    @property
-    def bus(self):
-        """The bus of a client of the cell."""
-        return self.world.client
+        self.notes, self.bus = Notes(), self.world.client
+        self.client = ConfiguredCell(self.cell, bus=self.bus)
 
     def plan(self, **options: Any) -> CalibrationPlan:
         """Return a plan from the present pose."""

@@ -39,7 +39,7 @@ class Notes:
     def __init__(self) -> None:
         """Start without lines."""
         self.lines: list[str] = []
-        self._events: list[tuple[str, Callable[[], None]]] = []
+        self._events: list[tuple[str, Callable[[], object]]] = []
 
     def note(self, text: str) -> None:
         """Keep a line."""
@@ -53,7 +53,7 @@ class Notes:
                 event[1]()
                 return
 
-    def at(self, text: str, do: Callable[[], None]) -> None:
+    def at(self, text: str, do: Callable[[], object]) -> None:
         """Run a function the first time that a stage contains a text."""
         self._events.append((text, do))
 

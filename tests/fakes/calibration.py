@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cli.calibration.wizard import CalibrationWizard
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -35,31 +34,26 @@ def planned(cell: CellConfig, q_start: tuple[float, ...], options: PlanOptions) 
 
 
 class Notes:
-    """Progress recorder: keeps the lines, and runs a test's function at a certain stage."""
+    """Progress output: keeps the lines, and runs a test's function at a certain stage."""
 
     def __init__(self) -> None:
         """Start without lines."""
         self.lines: list[str] = []
-        self.stages: list[str] = []
-        self.shares: list[float] = []
-        self._events: list[tuple[str, Callable[[], None]]] = []
+        self._events: list[tuple[str, Callable[[], object]]] = []
 
     def note(self, text: str) -> None:
         """Keep a line."""
         self.lines.append(text)
 
-    def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Keep changes of the progress, and run the function of this stage, once."""
-        if not self.stages or self.stages[-1] != text:
-            self.stages.append(text)
-        self.shares.append(done_s / total_s if total_s else 0.0)
+    def progress(self, _done_s: float, _total_s: float, text: str) -> None:
+        """Run the function of this stage, once."""
         for event in self._events:
             if event[0] in text:
                 self._events.remove(event)
                 event[1]()
                 return
 
-    def at(self, text: str, do: Callable[[], None]) -> None:
+    def at(self, text: str, do: Callable[[], object]) -> None:
         """Run a function the first time that a stage contains a text."""
         self._events.append((text, do))
 
@@ -72,19 +66,10 @@ class CalibrationLab:
         self.cell = cell or demo_cell(**QUICK)
         self.world = VirtualCell(self.cell)
         self.world.advance(1.2)
-        self.notes = Notes()
-        self.client = ConfiguredCell(self.cell, bus=self.world.client)
-
-    @property
-    def bus(self):
-        """The bus of a client of the cell."""
-        return self.world.client
+        self.notes, self.bus = Notes(), self.world.client
+        self.client = ConfiguredCell(self.cell, bus=self.bus)
 
     def plan(self, **options: Any) -> CalibrationPlan:
         """Return a plan from the present pose."""
         plan_options = PlanOptions(**{**FAST, **options})
         return planned(self.cell, tuple(self.world.arm.q.tolist()), plan_options)
-
-    def wizard(self, plan: CalibrationPlan | None = None) -> CalibrationWizard:
-        """Return a wizard at its first stage."""
-        return CalibrationWizard(self.client, plan or self.plan(), self.notes)

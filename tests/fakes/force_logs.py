@@ -1,7 +1,6 @@
 """Synthetic force logs whose true figures are known, and their files."""
 
 import csv
-import json
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from math import exp, pi, sqrt
@@ -57,29 +56,13 @@ def column(time_s: Array, value: Array, name: str = "fz") -> LogColumn:
     return LogColumn(name, "N", Signal(time_s, value), 0)
 
 
-def write_csv(path: Path, columns: Mapping[str, Iterable[object]], delimiter: str = ",") -> Path:
+def write_csv(path: Path, columns: Mapping[str, Iterable[object]]) -> Path:
     """Write columns with a header."""
     with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, delimiter=delimiter)
+        writer = csv.writer(stream)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
     return path
-
-
-def press_csv(path: Path, *, level: float = 10.0, tau_s: float = 0.05, sign: float = 1.0) -> Path:
-    """Write a log of one press with its set point: t, fx, fy, fz, setpoint."""
-    time_s = times()
-    force = level * first_order(time_s, tau_s) + noise(len(time_s), 0.02)
-    return write_csv(
-        path,
-        {
-            "t": time_s,
-            "fx": noise(len(time_s), 0.02, 2),
-            "fy": noise(len(time_s), 0.02, 3),
-            "fz": sign * force,
-            "setpoint": setpoint_at(time_s, level),
-        },
-    )
 
 
 def wrench_cdr(stamp_s: float, six: Sequence[float], *, frame: str, order: str = "<") -> bytes:
@@ -109,10 +92,3 @@ def write_mcap(path: Path, topics: Mapping[tuple[str, str, str], Iterable[Messag
                 writer.add_message(channel, at_ns, data, at_ns)
         writer.finish()
     return path
-
-
-def json_messages(columns: Mapping[str, Iterable[float]]) -> list[Message]:
-    """Return messages in JSON with the columns as fields; the time of the file is `t`."""
-    rows = zip(*columns.values(), strict=True)
-    trees = [{name: float(v) for name, v in zip(columns, row, strict=True)} for row in rows]
-    return [(tree["t"], json.dumps(tree).encode()) for tree in trees]

@@ -1,7 +1,5 @@
 """Static readings of a sensor in a given installation, and the fixes of the findings."""
 
-import csv
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +7,11 @@ import numpy as np
 
 from bench.payload import CellErrors, attitudes, read, truth
 from common.config.payload import Payload
-from common.motion.frames import Array, Oat, R_from_oat, quaternion_from_R
-from identification.installation.terms import ExpectedInstallation, InstallationFinding
-from identification.recording import COLUMNS, Samples
+from common.motion.frames import Array, Oat, R_from_oat
+from identification.installation.terms import ExpectedInstallation
+from identification.recording import Samples, WrenchAxes
 from identification.static_poses import carries_a_fit, sort_into_poses
+from tests.fakes.weights import write_recording
 
 EYE = np.eye(3)
 PAYLOAD = Payload(
@@ -59,15 +58,8 @@ def readings(
     """Return noisy static readings whose channels show `force` and `torque` of the load."""
     rng = np.random.default_rng(seed)
     if world is not None:
-        errors = truth(world, rng)
-        payload = errors.model_copy(
-            update={
-                "mass_kg": payload.mass_kg,
-                "com_m": payload.com_m,
-                "bias_force_N": payload.bias_force_N,
-                "bias_torque_Nm": payload.bias_torque_Nm,
-            }
-        )
+        own = payload.model_dump(include={"mass_kg", "com_m", "bias_force_N", "bias_torque_Nm"})
+        payload = truth(world, rng).model_copy(update=own)
     while True:
         time_s = np.linspace(0.0, 300.0, poses)
         samples = read(payload, attitudes(rng, poses), time_s, rng)
@@ -81,44 +73,6 @@ def readings(
     )
 
 
-def apply_remedy(
-    finding: InstallationFinding, samples: Samples, of: ExpectedInstallation
-) -> tuple[Samples, ExpectedInstallation]:
-    """Apply the remedy of a finding of axes, word by word, to an arm that stands upright."""
-    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.remedy)
-    if finding.code == "reaction":
-        return replace(samples, force_N=-samples.force_N, torque_Nm=-samples.torque_Nm), of
-    if oat:
-        x, y, z = (float(angle) for angle in oat[1].split(","))
-        R = oat_matrix((x, y, z))
-        assert of.R_flange_sensor is not None
-        turned = samples.R_base_sensor @ of.R_flange_sensor.T @ R
-        # Positions are in flange axes, where they stay; the lever is in those of the sensor.
-        com = None if of.com_m is None else R.T @ of.R_flange_sensor @ of.com_m
-        corrected = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
-        return replace(samples, R_base_sensor=turned), corrected
-    channels = {"F": samples.force_N, "M": samples.torque_Nm}
-    after = {name: values.copy() for name, values in channels.items()}
-    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.remedy.split(";")[0])
-    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.remedy.partition("; in")[2])
-    assert orders, finding
-    for name, axis, sign, source in orders:
-        value = channels[name][:, "xyz".index(source)]
-        after[name][:, "xyz".index(axis)] = -value if sign else value
-    return replace(samples, force_N=after["F"], torque_Nm=after["M"]), of
-
-
-def recorded(
-    path: Path, wiring: Array = EYE, *, times: float = 1.0, base_axes: bool = False
-) -> Path:
+def recorded(path: Path, wiring: Array = EYE, wrench_axes: WrenchAxes = "sensor") -> Path:
     """Write readings of the demo's tool and a wired sensor as a recording; return its path."""
-    samples = readings(TRUTH, force=wiring, torque=wiring, poses=8)
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for k in range(len(samples)):
-            R = samples.R_base_sensor[k]
-            turn = R if base_axes else EYE
-            wrench = (*(times * turn @ samples.force_N[k]), *(turn @ samples.torque_Nm[k]))
-            writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
-    return path
+    return write_recording(path, readings(TRUTH, force=wiring, torque=wiring), wrench_axes)

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 from common.config.load import load_cell
-from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.records import Record
 from forcemesh.requests import (
@@ -15,7 +14,6 @@ from forcemesh.requests import (
     HoldRequest,
     MoveRequest,
     RecordRequest,
-    Reply,
 )
 from forcemesh.topics import Request
 from launch.virtual_cell import VirtualCell
@@ -40,56 +38,39 @@ JOB: Job = (
 
 
 class RecordedCell:
-    """The demo cell with its recorder."""
+    """The demo cell with its recorder, ready to be armed."""
 
     def __init__(self, folder: Path) -> None:
         """Start; recordings are written to a folder."""
         settings = {"recorder.folder": str(folder), "recorder.least_free_GB": 0.0}
-        self.folder = folder
-        self.world = VirtualCell(load_cell(DEMO, settings))
+        self.folder, self.world = folder, VirtualCell(load_cell(DEMO, settings))
         bus = self.world._bus("recorder")
-        self.recorder = Recorder(bus, self.world.cell)
-        reporters = [HealthReporter(bus, self.world.cell)]
-        self.world.runners["recorder"] = Runner(self.recorder, reporters, self.world.clock)
-
-    def ask(self, request: Request[Any], message: Record) -> Reply:
-        """Send a request that is accepted."""
-        reply = self.world.client.ask(request, message)
-        assert reply.accepted, f"{request.key}: {reply.text}"
-        return reply
+        self.world._add("recorder", Recorder(bus, self.world.cell), bus)
+        self.world.advance(READY_S)
 
     def play(self, job: Job) -> None:
         """Send the requests of a job, each with the time until the next one."""
         for request, message, then_s in job:
-            self.ask(request, message)
+            reply = self.world.client.ask(request, message)
+            assert reply.accepted, f"{request.key}: {reply.text}"
             self.world.advance(then_s)
 
     def record(self, label: str, *, past: bool = False) -> None:
         """Start a recording, with what is in memory or from now on."""
-        self.ask(topics.RECORD_START, RecordRequest(label=label, past=past))
+        self.play(((topics.RECORD_START, RecordRequest(label=label, past=past), 0.0),))
 
     def stop(self, label: str) -> Path:
         """End the recording; return its file."""
-        self.ask(topics.RECORD_STOP, Empty())
+        self.play(((topics.RECORD_STOP, Empty(), 0.0),))
         (path,) = self.folder.glob(f"*-{label}-01.mcap")
         return path
 
 
-def recorded_from_start(folder: Path, job: Job = JOB) -> Path:
-    """Return a recording from the start of the cell to the end of a job."""
+def recorded(folder: Path, job: Job = JOB, before: Job | None = None) -> Path:
+    """Return a recording of a job: from the start of the cell, or two seconds after another job."""
     cell = RecordedCell(folder)
-    cell.world.advance(READY_S)
-    cell.record("whole", past=True)
+    cell.play(before or ())
+    cell.record("job", past=before is None)
+    cell.world.advance(0.0 if before is None else 2.0)
     cell.play(job)
-    return cell.stop("whole")
-
-
-def recorded_later(folder: Path, before: Job, job: Job = JOB) -> Path:
-    """Return a recording of a job that begins after another one, and two seconds earlier."""
-    cell = RecordedCell(folder)
-    cell.world.advance(READY_S)
-    cell.play(before)
-    cell.record("later")
-    cell.world.advance(2.0)
-    cell.play(job)
-    return cell.stop("later")
+    return cell.stop("job")

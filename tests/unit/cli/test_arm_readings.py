@@ -24,17 +24,13 @@ TARGET = RegulatorTarget(setpoint_N=12.0, contact="contact")
 class Cell:
     """The bus of a cell on a clock that a test advances."""
 
-    def __init__(self) -> None:
-        self.clock, self.transport = ManualClock(), MemoryTransport()
-        self.view = ArmView(self.bus("client"), CELL)
-
-    def bus(self, role: str) -> Bus:
-        """Return a role's bus."""
-        return Bus(role, CELL.cell, self.transport, CELL, self.clock)
-
-    def put(self, topic: Topic, message: Message) -> None:
-        """Publish as the role that writes a topic."""
-        self.bus(topic.writer).publisher(topic).put(message)
+    def __init__(self, *messages: tuple[Topic, Message]) -> None:
+        """Publish messages, each as the role that writes its topic."""
+        self.clock, transport = ManualClock(), MemoryTransport()
+        self.view = ArmView(Bus("client", CELL.cell, transport, CELL, self.clock), CELL)
+        for topic, message in messages:
+            bus = Bus(topic.writer, CELL.cell, transport, CELL, self.clock)
+            bus.publisher(topic).put(message)
 
     def lines(self, health: Health | None = None) -> dict[str, str]:
         """Return the lines that a user reads."""
@@ -44,11 +40,8 @@ class Cell:
 @pytest.fixture
 def cell() -> Cell:
     """A cell whose arm presses downwards with 12 N."""
-    cell = Cell()
-    cell.put(topics.ROBOT_STATE, ROBOT)
-    cell.put(topics.WRENCH, WRENCH)
-    cell.put(topics.REGULATOR_TARGET, TARGET)
-    return cell
+    robot, target = (topics.ROBOT_STATE, ROBOT), (topics.REGULATOR_TARGET, TARGET)
+    return Cell(robot, (topics.WRENCH, WRENCH), target)
 
 
 def test_force_pose_and_calibration_are_shown_with_their_units(cell: Cell) -> None:
@@ -66,36 +59,22 @@ def test_force_pose_and_calibration_are_shown_with_their_units(cell: Cell) -> No
     assert found["pose"]["position_m"] == (0.45, -0.1, 0.3)
 
 
-@pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE])
-def test_stale_data_is_named_and_never_a_number(cell: Cell, topic: Topic) -> None:
-    """A force without a measurement is not shown as zero."""
-    stale_s = 2.0 * CELL.stale_after_s(topic)
-    cell.clock.sleep_s(stale_s)
+def test_missing_and_stale_data_is_named_and_never_a_number(cell: Cell) -> None:
+    """A force without a measurement is not shown as zero; without a pose it is in base axes."""
+    cell.clock.sleep_s(2.0 * CELL.stale_after_s(topics.ROBOT_STATE))
     for line in cell.lines().values():
         assert line.startswith("no data: ")
         assert "stale" in line
-
-
-def test_a_silent_cell_has_a_line_for_each_reading() -> None:
-    """The reason replaces the number; without a pose the force stays in base axes."""
-    lines = Cell().lines()
-    assert lines["force"] == lines["calibration"] == "no data: wrench missing"
-    assert lines["pose"] == "no data: robot/state missing"
+    silent = Cell()
+    assert silent.lines()["force"] == silent.lines()["calibration"] == "no data: wrench missing"
+    assert silent.lines()["pose"] == "no data: robot/state missing"
+    assert not silent.view.is_complete()
     assert {text for _, text in reading_lines(no_readings())} == {"no data: no hub responds"}
-    assert not Cell().view.is_complete()
-    without_pose = Cell()
-    without_pose.put(topics.WRENCH, WRENCH)
-    assert without_pose.lines()["force"].startswith("(0.00, 0.00, 12.00) N")
-
-
-def test_a_wrench_that_force_feedback_must_not_use_is_shown_with_the_reason(cell: Cell) -> None:
-    """The calibration line gives the reason; the force is still shown."""
-    fault = "no calibration"
-    cell.put(
-        topics.WRENCH,
-        WRENCH.replaced(calibrated=False, axes_checked=False, calibration_fault=fault),
+    unusable = WRENCH.replaced(
+        calibrated=False, axes_checked=False, calibration_fault="no calibration"
     )
-    lines = cell.lines(Health(numbers={"tare_age_h": 30.25}))
+    lines = Cell((topics.WRENCH, unusable)).lines(Health(numbers={"tare_age_h": 30.25}))
+    assert lines["force"].startswith("(0.00, 0.00, 12.00) N")
     assert lines["calibration"] == (
         "rev, tared, bias 30.2 h old, axes not checked, not for force feedback: no calibration"
     )

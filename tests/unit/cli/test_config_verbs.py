@@ -28,16 +28,6 @@ def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path)
     assert "exists already" in again.stderr
 
 
-def test_show_distinguishes_values_of_the_file_and_defaults() -> None:
-    """Every value is listed by its path."""
-    values = json.loads(run("show", "--cell", DEMO, "--json").stdout)["values"]
-    cell = load_cell(DEMO)
-    assert values["cell"] == {"value": cell.cell, "from": "file"}
-    assert values["bus.insecure"] == {"value": False, "from": "default"}
-    assert values["limits.force_N"]["value"] == cell.limits.force_N
-    assert "limits.force_N" in run("show", "--cell", DEMO).stdout
-
-
 def test_show_does_not_print_a_token(tmp_path: Path) -> None:
     """A printed token is no longer secret."""
     path = tmp_path / "cell.yaml"
@@ -45,13 +35,3 @@ def test_show_does_not_print_a_token(tmp_path: Path) -> None:
     shown = run("show", "--cell", path, "--json").stdout
     assert "do-not-tell-this" not in shown
     assert json.loads(shown)["values"]["panel.token"] == {"value": "(not shown)", "from": "file"}
-
-
-def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
-    """The sentences are those of the text output, with the exit code of a wrong cell file."""
-    path = tmp_path / "cell.yaml"
-    path.write_text(DEMO.read_text() + "\nrolls: {}\n")
-    done = run("check", path, "--json")
-    assert done.exit_code == USAGE
-    assert any("did you mean roles?" in line for line in json.loads(done.stdout)["mistakes"])
-    assert json.loads(run("check", DEMO, "--json").stdout)["mistakes"] == []

@@ -1,5 +1,6 @@
 """Verbs on a bus whose services are simulated by a stand-in."""
 
+import csv
 import json
 import threading
 import time
@@ -27,7 +28,6 @@ from tests.fakes.verb_calls import run
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("cell_file")]
 
-
 REQUESTS = [
     ["arm"],
     ["arm", "--jog"],
@@ -50,8 +50,7 @@ class StandIn:
     def __init__(self, cell: CellFile) -> None:
         self.requests: list[object] = []
         self.reply = Reply(accepted=True, text="accepted", value=7.0)
-        self.goal = GoalReport()
-
+        self.goal = GoalReport(id=7, state="done")
         self.wrench: WrenchAtTcp | None = None
         self._cell = cell
         self._stop, self._ready = threading.Event(), threading.Event()
@@ -94,7 +93,6 @@ def services(cell_file: Path) -> Iterator[StandIn]:
 
 def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) -> None:
     """Accepted: the text and 0. Refused: code, text, number and limit on standard error, and 3."""
-    services.goal, services.reply = GoalReport(id=7, state="done"), Reply(accepted=True, value=7.0)
     for words in REQUESTS:
         assert (run(*words).exit_code, words) == (OK, words)
     assert services.requests[:2] == [ArmRequest(purpose="all"), ArmRequest(purpose="jog")]
@@ -107,31 +105,35 @@ def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) 
         assert done.stdout == ""
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["move", "by", "-5,0,0,0,0,90", "--speed", "20", "--no-wait"],
-        ["move", "by", "--speed", "20", "-5,0,0,0,0,90", "--no-wait"],
-        ["move", "by", "--no-wait", "--speed", "20", "--", "-5,0,0,0,0,90"],
-    ],
-)
-def test_a_move_may_begin_with_a_minus_sign(services: StandIn, words: list[str]) -> None:
-    """Degrees and mm/s become radians and m/s, for any position of the options."""
-    assert run(*words).exit_code == OK
-    request = services.requests[-1]
-    assert isinstance(request, MoveRequest)
-    assert (request.kind, request.speed_m_s) == ("by", 0.02)
-    assert request.joint_rad == pytest.approx((-0.0872664626, 0, 0, 0, 0, 1.5707963268))
+def test_a_move_is_sent_in_si(services: StandIn) -> None:
+    """Degrees, mm and mm/s; a move may begin with a minus sign; a jog is relative to the pose."""
 
+    def sent(*words: str) -> MoveRequest:
+        assert run(*words).exit_code == OK
+        request = services.requests[-1]
+        assert isinstance(request, MoveRequest)
+        return request
 
-def test_a_move_to_a_pose_is_sent_in_si(services: StandIn) -> None:
-    """Millimetres and O, A, T become metres and a quaternion: A = 180 is half a turn about y."""
-    assert run("move", "to", "-100,475,377,0,180,0", "--no-wait").exit_code == OK
-    request = services.requests[-1]
-    assert isinstance(request, MoveRequest)
-    assert request.pose is not None
-    assert request.pose.position_m == pytest.approx((-0.1, 0.475, 0.377))
-    assert [abs(q) for q in request.pose.orientation_xyzw] == pytest.approx([0, 1, 0, 0], abs=1e-9)
+    for words in (
+        ("-5,0,0,0,0,90", "--speed", "20", "--no-wait"),
+        ("--no-wait", "--speed", "20", "--", "-5,0,0,0,0,90"),
+    ):
+        move = sent("move", "by", *words)
+        assert (move.kind, move.speed_m_s) == ("by", 0.02)
+        assert move.joint_rad == pytest.approx((-0.0872664626, 0, 0, 0, 0, 1.5707963268))
+    pose = sent("move", "to", "-100,475,377,0,180,0", "--no-wait").pose
+    assert pose is not None
+    assert pose.position_m == pytest.approx((-0.1, 0.475, 0.377))
+    assert [abs(q) for q in pose.orientation_xyzw] == pytest.approx([0, 1, 0, 0], abs=1e-9)
+    pose = sent("jog", "z", "-10", "--speed", "20").pose
+    assert pose is not None
+    assert pose.position_m == pytest.approx((0.1, 0.2, 0.29))
+    assert pose.orientation_xyzw == pytest.approx((0, 0, 0, 1))
+    assert sent("jog", "j6", "-90").joint_rad == pytest.approx((0.0,) * 5 + (-1.5707963268,))
+    # A move names its joints itself: the arbiter compares their number with the arm's.
+    assert len(sent("move", "by", "0,0,0,0,0,0,90").joint_rad or ()) == 7
+    done = run("jog", "j7", "5")
+    assert (done.exit_code, "j7: the arm has 6 joints" in done.stderr) == (USAGE, True)
 
 
 def test_a_goal_that_the_robot_refuses_or_aborts_is_not_reached(services: StandIn) -> None:
@@ -169,72 +171,52 @@ def test_speeds_that_are_left_out_keep_their_value(services: StandIn) -> None:
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_prints_the_requested_number_of_messages() -> None:
-    """Each message is one line of JSON with the fields of header and message."""
-    rows = [
-        json.loads(line)
-        for line in run("watch", "robot/state", "--count", "3", "--json").stdout.splitlines()
-    ]
-    assert len(rows) == 3
+def test_watch_prints_messages_and_writes_a_new_file(tmp_path: Path) -> None:
+    """Each message is one line of JSON, or a row of one new file of one topic."""
+    done = run("watch", "robot/state", "--count", "3", "--json")
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert [row["position_m"] for row in rows] == [[0.1, 0.2, 0.3]] * 3
     assert rows[0]["seq"] < rows[1]["seq"] < rows[2]["seq"]
-    assert {"epoch", "boot", "stamp_ns", "valid", "joint_rad"} <= set(rows[0])
-    assert "position_m" in run("watch", "robot/state", "--count", "2").stdout
+    path = tmp_path / "robot.csv"
+    done = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
+    assert done.exit_code == OK
+    lines = path.read_text().splitlines()
+    assert f"{len(lines) - 1} messages of robot/state, 0 lost" in done.stdout
+    assert len(lines) > 10
+    rows = list(csv.DictReader(lines))
+    assert [float(rows[3][f"position_m.{axis}"]) for axis in "xyz"] == [0.1, 0.2, 0.3]
+    assert 0.0 == float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 0.6
+    for words, sentence in (
+        (("watch", "robot/state", "--csv", path), "exists"),
+        (("watch", "robot/state", "--csv", tmp_path / "no" / "robot.csv"), "cannot be written"),
+        (("watch", "--csv", "x"), "takes one topic"),
+        (("watch", "wrench", "--json", "--csv", "x"), "takes one topic"),
+    ):
+        wrong = run(*words)
+        assert (wrong.exit_code, sentence in wrong.stderr) == (USAGE, True), words
+    assert path.read_text().splitlines() == lines
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_writes_a_new_file_and_never_overwrites_one(tmp_path: Path) -> None:
-    """It writes one topic to one new file; other usage is refused with the reason."""
-    path = str(tmp_path / "robot.csv")
-    done = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
-    assert done.exit_code == OK
-    rows = Path(path).read_text().splitlines()
-    assert f"{len(rows) - 1} messages of robot/state, 0 lost" in done.stdout
-    assert len(rows) > 10
-    again = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
-    assert (again.exit_code, "exists" in again.stderr) == (USAGE, True)
-    assert Path(path).read_text().splitlines() == rows
-    nowhere = run("watch", "robot/state", "--csv", str(tmp_path / "no" / "robot.csv"))
-    assert (nowhere.exit_code, "cannot be written" in nowhere.stderr) == (USAGE, True)
-    for words in (["watch", "--csv", "x"], ["watch", "wrench", "--json", "--csv", "x"]):
-        wrong = run(*words)
-        assert (wrong.exit_code, "takes one topic" in wrong.stderr) == (USAGE, True)
-    all_topics = run("watch", "--seconds", "0.1")
-    assert (all_topics.exit_code, "regulator/target" in all_topics.stdout) == (OK, True)
-
-
-def test_a_jog_is_a_move_relative_to_the_present_pose(services: StandIn) -> None:
-    """Millimetres along an axis, or degrees of a joint; negative numbers are accepted."""
-    services.goal = GoalReport(id=7, state="done")
-    assert run("jog", "z", "-10", "--speed", "20").exit_code == OK
-    request = services.requests[-1]
-    assert isinstance(request, MoveRequest)
-    assert request.pose is not None
-    assert request.pose.position_m == pytest.approx((0.1, 0.2, 0.29))
-    assert request.pose.orientation_xyzw == pytest.approx((0, 0, 0, 1))
-    assert request.speed_m_s == 0.02
-    assert run("jog", "j6", "-90").exit_code == OK
-    request = services.requests[-1]
-    assert isinstance(request, MoveRequest)
-    assert request.joint_rad == pytest.approx((0.0,) * 5 + (-1.5707963268,))
-
-
-def test_a_seventh_joint_is_jogged_only_where_the_arm_has_one(services: StandIn) -> None:
-    """A move names its joints itself: the arbiter compares their number with the arm's."""
-    done = run("jog", "j7", "5")
-    assert (done.exit_code, services.requests) == (USAGE, [])
-    assert "j7: the arm has 6 joints" in done.stderr
-    services.goal = GoalReport(id=7, state="done")
-    assert run("move", "by", "0,0,0,0,0,0,90").exit_code == OK
-    request = services.requests[-1]
-    assert isinstance(request, MoveRequest)
-    assert request.joint_rad == pytest.approx((0.0,) * 6 + (1.5707963268,))
+def test_watch_without_a_topic_shows_the_rate_of_every_topic() -> None:
+    """It shows rate and age of each topic, and the silent ones."""
+    found = json.loads(run("watch", "--count", "1", "--json").stdout)
+    rows = {row["topic"]: row for row in found["topics"]}
+    assert list(rows) == [topic.key for topic in topics.TOPICS]
+    assert rows["robot/state"]["fault"] == ""
+    assert rows["robot/state"]["rate_hz"] > 10.0
+    assert rows["robot/state"]["age_s"] < 1.0
+    assert rows["wrench"]["fault"] == "wrench missing"
+    assert (rows["wrench"]["rate_hz"], rows["wrench"]["age_s"]) == (None, None)
+    row = rows["arbiter/requests"]  # published only when something happens: silence is no fault
+    assert (row["fault"], row["expected_hz"], row["stale_after_s"]) == ("", None, None)
+    shown = run("watch", "--seconds", "0.1")
+    assert (shown.exit_code, "regulator/target" in shown.stdout) == (OK, True)
 
 
 @pytest.mark.parametrize("words", [["jog", "z", "-10"], ["move", "by", "1,0,0,0,0,0"]])
 def test_a_move_of_a_loaded_tool_needs_confirmation(services: StandIn, words: list[str]) -> None:
     """The question gives force and permitted rise; without an answer nothing is requested."""
-    services.goal = GoalReport(id=7, state="done")
     services.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 12.3))
     done = run(*words)
     assert done.exit_code == REFUSED
@@ -258,18 +240,3 @@ def test_backing_off_needs_confirmation_and_prints_the_reason_of_a_refusal(
     assert "--without-force" in done.stderr
     assert run("back-off", "--yes", "--without-force").exit_code == REFUSED
     assert services.requests[-1] == BackOffRequest(without_force=True)
-
-
-@pytest.mark.usefixtures("services")
-def test_watch_without_a_topic_shows_the_rate_of_every_topic() -> None:
-    """It shows rate and age of each topic, and the silent ones."""
-    found = json.loads(run("watch", "--count", "1", "--json").stdout)
-    rows = {row["topic"]: row for row in found["topics"]}
-    assert list(rows) == [topic.key for topic in topics.TOPICS]
-    assert rows["robot/state"]["fault"] == ""
-    assert rows["robot/state"]["rate_hz"] > 10.0
-    assert rows["robot/state"]["age_s"] < 1.0
-    assert rows["wrench"]["fault"] == "wrench missing"
-    assert (rows["wrench"]["rate_hz"], rows["wrench"]["age_s"]) == (None, None)
-    row = rows["arbiter/requests"]  # published only when something happens: silence is no fault
-    assert (row["fault"], row["expected_hz"], row["stale_after_s"]) == ("", None, None)

@@ -1,67 +1,44 @@
-"""Verbs on a recording of a whole virtual cell: replay, export, report, and refusals."""
+"""Verbs on a recording of a virtual cell: replay, export, report, and its services again."""
 
 import csv
 import json
-import sys
-from collections.abc import Iterator
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pyarrow import parquet
-from typer.testing import CliRunner
 
-from cli.__main__ import app
+from cli.replay_differences import Differences, compared
+from cli.replay_parts import recorded_part
+from cli.replay_service import replayed
 from common.bus.memory_bus import MemoryTransport
-from common.config.load import load_cell
-from common.runtime.service import HealthReporter, Runner
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
-from launch.virtual_cell import VirtualCell
+from forcemesh.errors import DataError
+from forcemesh.requests import ArmRequest, Empty, HoldRequest
+from forcemesh.topics import SERVED
 from services.recorder.reading import RecordedBytes, RecordedFile, play
-from services.recorder.service import Recorder
-from tests.fakes.bench import DEMO
+from services.regulator.gains import PiGains
+from services.regulator.service import Regulator
+from tests.fakes.recorded_cell import PRESS, Job, RecordedCell, recorded
+from tests.fakes.verb_calls import run
 
 MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of a cell that is armed, presses briefly and is held."""
-    folder = tmp_path_factory.mktemp("recordings")
-    settings = {"recorder.folder": str(folder), "recorder.least_free_GB": 0.0}
-    world = VirtualCell(load_cell(DEMO, settings))
-    bus = world._bus("recorder")
-    recorder = Recorder(bus, world.cell)
-    world.runners["recorder"] = Runner(recorder, [HealthReporter(bus, world.cell)], world.clock)
-    world.advance(1.5)
-    steps: tuple[tuple[Any, Any, float], ...] = (
-        (topics.RECORD_START, RecordRequest(label="press"), 0.0),
-        (topics.ARM, ArmRequest(), 0.1),
-        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=15.0), 1.4),
+    cell = RecordedCell(tmp_path_factory.mktemp("recordings"))
+    cell.record("press")
+    cell.play((
+        (topics.ARM, ArmRequest(), 0.1), (topics.FORCE_START, PRESS, 1.4),
         (topics.HOLD, HoldRequest(reason="<enough>"), 0.2),
-        (topics.RECORD_STOP, Empty(), 0.0),
-    )
-    for request, message, then_s in steps:
-        assert world.client.ask(request, message).accepted, request.key
-        world.advance(then_s)
-    (path,) = folder.glob("*.mcap")
-    yield path
-    recorder.close()
-
-
-def run(*words: object) -> tuple[int, str, str]:
-    """Run the command line; return exit code, standard output and error."""
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    return result.exit_code, result.stdout, result.stderr
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV file."""
-    with path.open(encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+    ))  # fmt: skip
+    return cell.stop("press")
 
 
 class RecordingTransport(MemoryTransport):
@@ -76,167 +53,213 @@ class RecordingTransport(MemoryTransport):
         return lambda data: self.published.append((key, data))
 
 
-def test_a_replay_publishes_the_same_bytes_in_the_same_time(recording: Path) -> None:
-    """On a virtual clock: every message, in order, under the cell's name, in the same duration."""
-    recorded = list(RecordedFile(recording).raw_messages())
+def played(messages: list[RecordedBytes], name: str, **options: Any) -> tuple[Any, int]:
+    """Play under a cell's name; return what was published and the duration [ns]."""
     transport, clock = RecordingTransport(), ManualClock()
     began_ns = clock.now_ns()
-    count = play(recorded, transport, "demo", clock=clock)
-    assert count == len(recorded) > 2000
-    assert transport.published == [(f"demo/{each.topic}", each.data) for each in recorded]
-    assert clock.now_ns() - began_ns == recorded[-1].at_ns - recorded[0].at_ns
+    assert play(messages, transport, name, clock=clock, **options) == len(messages)
+    return transport.published, clock.now_ns() - began_ns
 
 
-def test_a_replay_as_another_cell_has_its_name_in_every_message(recording: Path) -> None:
-    """Readers of that cell accept them; only the topic has changed."""
-    recorded = list(RecordedFile(recording).raw_messages())[:200]
-    transport = RecordingTransport()
-    play(recorded, transport, "other", clock=ManualClock())
-    for each, (key, data) in zip(recorded, transport.published, strict=True):
+def test_a_replay_publishes_the_same_bytes_in_the_same_time(recording: Path) -> None:
+    """As another cell only the topic of each message changes; a speed divides the distances."""
+    recorded = list(RecordedFile(recording).raw_messages())
+    assert len(recorded) > 2000
+    published, took_ns = played(recorded, "demo")
+    assert published == [(f"demo/{each.topic}", each.data) for each in recorded]
+    assert took_ns == recorded[-1].at_ns - recorded[0].at_ns
+    published, took_ns = played(recorded[:200], "other", speed=4.0)
+    assert took_ns == pytest.approx((recorded[199].at_ns - recorded[0].at_ns) / 4.0, abs=1000)
+    for each, (key, data) in zip(recorded, published, strict=False):
         header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
         then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
         assert key == header.topic
         assert (header.replaced(topic=then.topic), message) == (then, before)
 
 
-@pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
-    """Distances are divided by the speed."""
-    recorded = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
-    clock = ManualClock()
-    began_ns = clock.now_ns()
-    play(recorded, RecordingTransport(), "demo", clock=clock, speed=speed)
-    assert clock.now_ns() - began_ns == pytest.approx(10**8 / speed, abs=10)
-
-
-def test_csv_has_a_file_for_each_topic_and_units_in_its_columns(
-    recording: Path, tmp_path: Path
-) -> None:
-    """As many rows as messages, time in seconds since the beginning."""
-    code, out, _ = run("export", recording, "-o", tmp_path)
-    assert code == 0
-    rows = rows_of(tmp_path / "wrench.csv")
-    messages = list(RecordedFile(recording).messages("wrench"))
-    assert len(rows) == len(messages)
-    assert float(rows[7]["force_N.z"]) == messages[7].fields["force_N"]["z"]
+def test_csv_and_parquet_have_every_number_with_its_unit(recording: Path, tmp_path: Path) -> None:
+    """A file for each topic, as many rows as messages, time in seconds since the beginning."""
+    done = run("export", recording, "-o", tmp_path)
+    assert done.exit_code == 0
+    with (tmp_path / "wrench.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    force_N = [each.fields["force_N"]["z"] for each in RecordedFile(recording).messages("wrench")]
+    assert [float(row["force_N.z"]) for row in rows] == force_N
     assert 0.0 <= float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 3.0
-    assert f"wrench.csv: {len(rows)} rows" in out
+    assert f"wrench.csv: {len(rows)} rows" in done.stdout
     assert (tmp_path / "arbiter-status.csv").exists()
+    words = ("export", recording, "--only", "wrench", "--parquet", "-o", tmp_path / "one")
+    assert run(*words).exit_code == 0
+    assert [path.name for path in (tmp_path / "one").iterdir()] == ["wrench.parquet"]
+    table = parquet.read_table(tmp_path / "one" / "wrench.parquet").to_pydict()
+    assert table["force_N.z"] == force_N
 
 
-def test_parquet_holds_the_same_numbers(recording: Path, tmp_path: Path) -> None:
-    """Read by pyarrow, the columns are those of the CSV, and typed; of the named topic alone."""
-    assert run("export", recording, "--only", "wrench", "--parquet", "-o", tmp_path)[0] == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["wrench.parquet"]
-    table = parquet.read_table(tmp_path / "wrench.parquet").to_pydict()
-    messages = list(RecordedFile(recording).messages("wrench"))
-    assert table["force_N.z"] == [each.fields["force_N"]["z"] for each in messages]
-    assert str(table["valid"][0]) == "True"
-
-
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_lerobot_columns_hold_state_wrench_and_action(
-    recording: Path, tmp_path: Path, suffix: str
-) -> None:
+def test_lerobot_columns_hold_state_wrench_and_action(recording: Path, tmp_path: Path) -> None:
     """One row for each state of the robot, one episode, and a description of the columns."""
-    assert run("export", recording, "--lerobot", f"--{suffix}", "-o", tmp_path)[0] == 0
-    path = tmp_path / "data" / "chunk-000" / f"episode_000000.{suffix}"
+    assert run("export", recording, "--lerobot", "--parquet", "-o", tmp_path).exit_code == 0
     info = json.loads((tmp_path / "meta" / "info.json").read_text(encoding="utf-8"))
     assert info["fps"] == pytest.approx(250.0, rel=0.01)
-    if suffix == "csv":
-        rows = rows_of(path)
-        names = {"observation.state.5", "observation.wrench.5", "action.6", "frame_index"}
-        assert names <= set(rows[0])
-        return
+    path = tmp_path / "data" / "chunk-000" / "episode_000000.parquet"
     table = parquet.read_table(path).to_pydict()
-    assert {len(row) for row in table["observation.state"]} == {6}
-    assert {len(row) for row in table["observation.wrench"]} == {6}
-    assert {len(row) for row in table["action"]} == {7}
+    for name, width in (("observation.state", 6), ("observation.wrench", 6), ("action", 7)):
+        assert {len(row) for row in table[name]} == {width}
     assert table["frame_index"] == list(range(info["total_frames"]))
     assert max(row[2] for row in table["observation.wrench"]) > 5.0
     assert table["next.done"][-1]
 
 
-def test_without_pyarrow_parquet_is_one_sentence(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It names the package and the option that works without it."""
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    code, _, err = run("export", recording, "--parquet", "-o", tmp_path)
-    assert code == 2
-    assert "needs the package pyarrow" in err
-    assert "--csv" in err
-
-
-def test_the_report_is_one_page_with_plots_stops_and_remedies(
+def test_the_report_is_one_page_with_plots_stops_and_requests(
     recording: Path, tmp_path: Path
 ) -> None:
     """It has no network reference, typed texts are escaped, and the arm in 3D is embedded."""
     page = tmp_path / "report.html"
-    code, out, _ = run("report", recording, "-o", page)
+    done = run("report", recording, "-o", page)
+    assert (done.exit_code, "1 stops" in done.stdout) == (0, True)
+    assert "srcdoc=" in page.read_text(encoding="utf-8")
+    assert run("report", recording, "-o", page, "--no-3d").exit_code == 0
     text = page.read_text(encoding="utf-8")
-    assert code == 0
-    assert "1 stops" in out
-    assert "<iframe" in text
-    assert "srcdoc=" in text
-    assert len(text) > 500_000
-    assert run("report", recording, "-o", page, "--no-3d")[0] == 0
-    text = page.read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml;base64,") == 5
-    assert "HOLDING · hold (501)" in text
-    assert "&lt;enough&gt;" in text
-    assert "Remedy: arm again when the path is clear" in text
-    assert text.count("src=") == 5
+    assert text.count("data:image/svg+xml;base64,") == text.count("src=") == 5
+    for part in (
+        "HOLDING · hold (501)",
+        "&lt;enough&gt;",
+        "Remedy: ",
+        "<td>force/start</td>",
+        ">impact<",
+    ):
+        assert part in text
     assert "@import" not in text
     assert 'href="http' not in text
-
-
-def test_the_report_lists_the_requests_with_their_replies(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each with its time, its fields and who sent it; of many the last ones."""
-    page = tmp_path / "report.html"
-    run("report", recording, "-o", page, "--no-3d")
-    text = page.read_text(encoding="utf-8")
-    assert "<td>force/start</td><td>{&#34;mode&#34;:&#34;position&#34;" in text
-    assert "force feedback is on: mode position, set point 15 N, law plain, on the PC" in text
-    assert "without the first" not in text
-    monkeypatch.setattr("cli.report.page.MOST_LISTED", 1)
-    run("report", recording, "-o", page, "--no-3d")
-    text = page.read_text(encoding="utf-8")
-    assert "without the first 3" in text
-    assert "<td>force/start</td>" not in text
 
 
 def test_a_truncated_recording_is_shown_up_to_its_end(recording: Path, tmp_path: Path) -> None:
     """Report and export state that the recording is truncated."""
     part = tmp_path / "part.mcap"
     part.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
-    code, _, err = run("export", part, "--only", "wrench")
-    assert code == 0
-    assert "is truncated" in err
-    assert run("report", part, "--no-3d")[0] == 0
+    done = run("export", part, "--only", "wrench")
+    assert (done.exit_code, "is truncated" in done.stderr) == (0, True)
+    assert run("report", part, "--no-3d").exit_code == 0
     assert "truncated" in part.with_suffix(".html").read_text(encoding="utf-8")
 
 
-WRONG = [
-    (("export", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
-    (("export", "{}", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
-    (("report", "{}", "--no-3d", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
-    (("replay", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
-    (("replay", "{}", "--to-service", "robot"), 2, "must be one of wrench, regulator, arbiter"),
-    (("replay", "{}", "--to-service", "arbiter,hub"), 2, "--to-service hub: it must be one of"),
-    (("replay", "{}", "--as", "Not A Name"), 2, "--as: cell: must be at most 31 lower-case"),
-    (("replay", "{}", "--onto", "nothing.yaml"), 2, "no such file"),
-]
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("export", "--only", "wrnch"), "did you mean wrench?"),
+        (("export", "-o", "/proc/none"), "/proc/none: cannot be written"),
+        (("replay", "--to-service", "arbiter,hub"), "--to-service hub: it must be one of"),
+        (("replay", "--as", "Not A Name"), "--as: cell: must be at most 31 lower-case"),
+        (("replay", "--onto", "nothing.yaml"), "no such file"),
+    ],
+)
+def test_wrong_input_is_one_sentence(recording: Path, words: tuple[str, ...], text: str) -> None:
+    """The sentence gives the cause."""
+    done = run(words[0], recording, *words[1:])
+    assert done.exit_code == 2
+    assert text in " ".join(done.stderr.replace("│", " ").split())
 
 
-@pytest.mark.parametrize(("words", "code", "text"), WRONG)
-def test_wrong_input_is_one_sentence(
-    recording: Path, words: tuple[str, ...], code: int, text: str
+ARM: Job = ((topics.ARM, ArmRequest(), 0.3),)
+START: Job = ((topics.FORCE_START, PRESS, 0.3),)
+# Free of contact at its end: what the monitors of the arbiter remember is that of a new process.
+HOLD: Job = ((topics.HOLD, HoldRequest(reason="before"), 0.2), (topics.CLEAR, Empty(), 0.2))
+COUPLED = ("regulator", "arbiter")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording from the start of the cell: tare, arm, move, press, gains, stop, hold, clear."""
+    return recorded(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.fixture(scope="module")
+def later(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same of a cell that has been armed before."""
+    return recorded(tmp_path_factory.mktemp("later"), before=(*ARM, *HOLD))
+
+
+def read(path: Path) -> tuple[list[RecordedBytes], CellConfig]:
+    """Return the messages of a recording, and its cell."""
+    recording = RecordedFile(path)
+    assert recording.cell is not None
+    return list(recording.raw_messages()), recording.cell
+
+
+def differences(messages: list[RecordedBytes], cell: CellConfig, *roles: str) -> list[Differences]:
+    """Return how what roles publish in a replay differs from the recording."""
+    parts = [recorded_part(messages, role) for role in roles]
+    published = replayed(messages, parts, cell)
+    return [compared(part, published[part.role], 0) for part in parts]
+
+
+@pytest.mark.parametrize("role", ["cell", "arbiter,wrench"])
+@pytest.mark.parametrize("from_start", [True, False])
+def test_a_recorded_cell_is_replayed_byte_for_byte(
+    whole: Path, later: Path, role: str, *, from_start: bool
 ) -> None:
-    """The sentence gives the cause, without a traceback."""
-    found, _, err = run(*(word.format(recording) for word in words))
-    assert found == code
-    assert text in " ".join(err.replace("│", " ").split())
-    assert "Traceback" not in err
+    """Services alone and coupled, from the start of the cell and from a moment within it."""
+    done = run("replay", whole if from_start else later, "--to-service", role)
+    assert (done.exit_code, done.stderr) == (0, "")
+    counts = re.findall(r"(\d+) recorded, (\d+) now: (\d+) equal byte for byte", done.stdout)
+    assert len(counts) >= 4
+    assert all(recorded == now == equal for recorded, now, equal in counts)
+    assert int(counts[0][0]) > 300
+    assert ("its start" in done.stdout) == from_start
+
+
+def test_a_changed_gain_is_shown_and_ends_the_verb_with_an_error(
+    whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Topic, time, field, recorded and present value of the first differences; exit code 1."""
+    use_gains = Regulator._use_gains
+
+    def stiffer(self: Regulator, gains: Any) -> None:
+        use_gains(self, gains)
+        more = tuple(1.001 * value for value in gains.force_i_m_per_Ns)
+        self._pi_gains = PiGains.of(gains.replaced(force_i_m_per_Ns=more))
+
+    monkeypatch.setattr(Regulator, "_use_gains", stiffer)
+    done = run("replay", whole, "--to-service", "cell")
+    assert done.exit_code == 1
+    assert "pose.position_m.2: differs by at most" in done.stdout
+    first = r"first differences:\n +\d+\.\d{3} s \S+ pose\.\S+: recorded \S+, now \S+\n"
+    assert re.search(first, done.stdout)
+    assert re.search(r"robot/command pose\.\S+: recorded", done.stdout), "it is coupled"
+    assert run("replay", whole, "--to-service", "wrench").exit_code == 0
+
+
+def test_a_message_that_is_lost_or_cannot_be_decoded_is_a_difference(whole: Path) -> None:
+    """Each request has an effect on what its service publishes; one message of its own too."""
+    messages, cell = read(whole)
+    keys = {SERVED["regulator"].key, SERVED["arbiter"].key}
+    served = [each for each in messages if each.topic in keys]
+    assert len(served) == 8
+    for lost in served[::2]:
+        others = [each for each in messages if each is not lost]
+        assert any(found.count for found in differences(others, cell, *COUPLED))
+    places = [i for i, each in enumerate(messages) if each.topic == "arbiter/status"]
+    place = places[len(places) // 2]
+    (found,) = differences([*messages[:place], *messages[place + 1 :]], cell, "arbiter")
+    assert [(each.recorded, each.now) for each in found.found] == [("not published", "published")]
+    messages[place] = messages[place]._replace(data=b"\xc1")
+    (found,) = differences(messages, cell, "arbiter")
+    assert [(each.topic, each.name) for each in found.found] == [("arbiter/status", "message")]
+
+
+@pytest.mark.parametrize(
+    ("role", "before", "text"),
+    [
+        ("regulator", (*ARM, *START), "a moment at which no force feedback runs"),
+        ("arbiter", ARM, r"the arbiter is IDLE, 1\.5 s before the arm is armed"),
+    ],
+)
+def test_a_recording_that_does_not_reach_back_far_enough_is_one_sentence(
+    tmp_path: Path, role: str, before: Job, text: str
+) -> None:
+    """It names what the recording must contain, and how to record that."""
+    path = recorded(tmp_path, (), before)
+    with pytest.raises(DataError, match=f"does not reach back far enough for {role}: .*{text}"):
+        recorded_part(read(path)[0], role)
+    done = run("replay", path, "--to-service", role)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "`forcemesh record start --past` includes the minutes in memory" in done.stderr

@@ -1,4 +1,4 @@
-"""The verbs `signals list`, `set`, `wait` on a whole cell in virtual time."""
+"""The verbs `signals list`, `set`, `wait`, and a skill that starts once a signal is on."""
 
 import json
 from collections.abc import Iterator
@@ -7,70 +7,62 @@ import pytest
 
 from cli import verbs_signals
 from cli.context import NOT_WELL, OK, REFUSED, USAGE
+from cli.skills import force_session
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
-from tests.fakes.bench import DEMO
 from tests.fakes.signals import ALL_OFF, armed_with_signals
 from tests.fakes.verb_calls import run
 
 
 @pytest.fixture(autouse=True)
 def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[ConfiguredCell]:
-    """An armed cell with signals."""
+    """An armed cell with signals in virtual time."""
     monkeypatch.setenv("COLUMNS", "200")
     with armed_with_signals(monkeypatch, verbs_signals) as client:
+        monkeypatch.setattr(force_session, "cell_of", vars(verbs_signals)["cell_of"])
         yield client
 
 
-def test_the_signals_are_listed_with_who_may_set_them() -> None:
-    """One row each; JSON is the state by name."""
-    done = run("signals", "list")
-    assert done.exit_code == OK
-    lines = [line for line in done.output.splitlines() if "put " in line]
-    rows = {line.strip("│ ").split()[0]: line for line in lines}
-    assert set(rows) == set(ALL_OFF)
-    assert all(word in rows["gripper_close"] for word in ("output 9", "off", "operator, program"))
-    assert all(word in rows["lamp"] for word in ("output 10", "operator", "yes"))
-    assert "input 1001" in rows["part"]
-    assert json.loads(run("signals", "list", "--json").output) == ALL_OFF
-
-
-def test_a_signal_that_only_the_robot_has_is_listed_without_its_rights(
-    cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The cell file on this PC may be another one."""
-    monkeypatch.setattr(cell, "config", load_cell(DEMO))
-    (line,) = [line for line in run("signals", "list").output.splitlines() if "lamp" in line]
-    assert "operator" not in line
-    assert "off" in line
-
-
 def test_an_output_is_set_and_awaited(cell: ConfiguredCell) -> None:
-    """By name or number; the input that follows it is awaited."""
+    """By name or number; the input that follows it is awaited; JSON is the state by name."""
     assert run("signals", "set", "lamp", "on").output == "lamp (output 10) is switched on\n"
     assert run("signals", "wait", "part").output == "part is on\n"
     assert run("signals", "set", "10", "off").output == "lamp (output 10) is switched off\n"
     assert run("signals", "wait", "part", "off").output == "part is off\n"
     assert cell.signals.read() == ALL_OFF
+    assert json.loads(run("signals", "list", "--json").output) == ALL_OFF
+    (line,) = [line for line in run("signals", "list").output.splitlines() if "lamp" in line]
+    assert all(word in line for word in ("output 10", "operator", "yes"))
 
 
-def test_a_refusal_is_one_line_with_its_code() -> None:
-    """Another commander; an input; a name that is not in the cell file."""
-    for words, code in (
-        (("lamp", "on", "--as", "program"), "signal_not_permitted"),
-        (("part", "on"), "signal_not_permitted"),
-        (("pump", "on"), "signal_unknown"),
-    ):
-        done = run("signals", "set", *words)
-        assert done.exit_code == REFUSED
-        assert f"refused ({code})" in done.output
-        assert done.output.count("\n") == 1
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        (("set", "lamp", "on", "--as", "program"), REFUSED, "refused (signal_not_permitted)"),
+        (("set", "part", "on"), REFUSED, "refused (signal_not_permitted)"),
+        (("set", "pump", "on"), REFUSED, "refused (signal_unknown)"),
+        (("wait", "part", "--timeout", "0.2"), NOT_WELL, "part is off after 0.2 s, expected on"),
+        (("wait", "pump"), USAGE, "no signal 'pump': the cell file names gripper_close, lamp"),
+    ],
+)
+def test_a_refusal_is_one_line_with_its_code(words: tuple[str, ...], code: int, text: str) -> None:
+    """Another commander; an input; a name that is not in the cell file; a wait in vain."""
+    done = run("signals", *words)
+    assert (done.exit_code, done.output.count("\n")) == (code, 1)
+    assert text in done.output
 
 
-def test_a_wait_that_ends_in_vain_reports_the_state() -> None:
-    """Exit code 1; a wrong name is a wrong usage."""
-    done = run("signals", "wait", "part", "--timeout", "0.2")
-    assert (done.exit_code, done.output) == (NOT_WELL, "part is off after 0.2 s, expected on\n")
-    done = run("signals", "wait", "pump")
-    assert done.exit_code == USAGE
-    assert "no signal 'pump': the cell file names gripper_close, lamp, motor, part" in done.output
+def test_a_skill_starts_once_its_signal_is_on(
+    cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a signal that stays off, nothing moves; the input follows an output that is on."""
+    before = cell.state().position_m
+    monkeypatch.setattr("forcemesh.client.signals.DigitalSignals.wait.__defaults__", (True, 0.2))
+    done = run("press", "5", "--when", "part")
+    assert done.exit_code != OK
+    assert "part is off after 0.2 s, expected on" in done.output
+    assert cell.state().position_m == pytest.approx(before, abs=1e-5)
+    assert (cell.status().state, cell.status().commander) == ("ARMED", "none")
+    cell.signals.set("lamp")
+    done = run("touch", "--when", "part")
+    assert done.exit_code == OK, done.output
+    assert "contact with the TCP" in done.output

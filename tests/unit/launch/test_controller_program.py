@@ -3,14 +3,11 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from common.config.load import load_cell
 from controller.plain import PROGRAM, START
 from launch.controller_program import (
     SHIPPED,
     is_plain,
-    main,
     program_file,
     program_of,
     write_program,
@@ -22,15 +19,6 @@ from tools.tree import ROOT
 
 CELLS = ROOT / "cells"
 PLAIN, TCP, SIM = (load_cell(CELLS / f"{name}.yaml") for name in ("demo-plain", "demo-tcp", "demo"))
-
-
-def test_our_protocol_has_the_program_that_ships() -> None:
-    """Unchanged, from the project's folder."""
-    text, start = program_of(TCP)
-    assert (text, start) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
-    assert program_file(TCP) == SHIPPED
-    assert not is_plain(TCP)
-    assert not is_plain(SIM)
 
 
 def test_protocol_plain_has_the_numbers_of_its_cell() -> None:
@@ -53,22 +41,5 @@ def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monk
         write_program(cell)
     assert Path(program_file(PLAIN)).read_text(encoding="ascii") == program_of(PLAIN).text
     assert [path.name for path in tmp_path.iterdir()] == ["demo-plain-plain.as"]
-
-
-def test_the_command_prints_the_program_of_a_cell_file(capsys) -> None:
-    """To be loaded into a controller."""
-    assert main([str(CELLS / "demo-plain.yaml")]) == 0
-    assert capsys.readouterr().out == program_of(PLAIN).text
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [([], "one argument is needed: a cell file"), (["no.yaml"], "no.yaml"),
-     ([str(CELLS / "demo.yaml")], "gateway: the section is missing")],
-)  # fmt: skip
-def test_wrong_arguments_are_one_line(arguments, text, capsys) -> None:
-    """Exit code 2, nothing on standard output."""
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert text in err
+    assert program_of(TCP) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
+    assert (is_plain(PLAIN), is_plain(TCP), is_plain(SIM)) == (True, False, False)

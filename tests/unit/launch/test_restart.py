@@ -1,22 +1,14 @@
 """Restart of exited processes: the arm is held, and the number of restarts is limited."""
 
-import os
 import signal
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.status import died_text, restarts_of
-from common.config.cell import CellConfig
 from launch.processes import Supervisor
 from launch.restart import DEATH_LIMIT, DEATH_WINDOW_S, RESTART_PAUSE_S, Restarter, RestartPolicy
-from launch.run_file import read_run
 from launch.started_process import ProcessExit, ProcessSpec
-from tests.fakes.bench import DEMO
-from tests.unit.launch.test_processes import SLEEPER, cell, pids_of, python, until
-
-__all__ = ["cell"]  # the fixture
+from tests.fakes.bench import CELL
 
 EXITED = (ProcessSpec("services.wrench", ("wrench",)), ProcessSpec("services.hub", ("hub",)))
 
@@ -51,10 +43,10 @@ def test_the_pause_doubles_with_each_restart_separately_for_each_process() -> No
     assert policy.restart_time_s("wrench", 3600.0) == 3600.0 + RESTART_PAUSE_S
 
 
-def test_no_process_restarts_before_the_robot_holds(cell: CellConfig) -> None:
+def test_no_process_restarts_before_the_robot_holds() -> None:
     """With a long deadline, a hub that restarted within 0.2 s once left the arm moving."""
-    slow = cell.model_copy(
-        update={"deadlines": cell.deadlines.model_copy(update={"command_s": 0.7})}
+    slow = CELL.model_copy(
+        update={"deadlines": CELL.deadlines.model_copy(update={"command_s": 0.7})}
     )
     supervisor = Supervisor(slow)
     supervisor.enable_restarts()
@@ -120,65 +112,3 @@ def test_after_repeated_exits_restarting_stops_with_one_message() -> None:
         "wrench died 5 times within 60 s and is not restarted; the arm stays held. Last: "
         "killed by SIGKILL. Remove the cause, stop this with Ctrl-C, and restart `forcemesh up`"
     )
-
-
-# --- the supervisor, with small processes ---------------------------------------------------------
-
-
-@pytest.mark.processes
-def test_a_killed_process_is_restarted_and_the_run_file_keeps_its_exit(cell: CellConfig) -> None:
-    """Only its pid is new; status reports how the first process ended."""
-    processes = [python("wrench", SLEEPER), python("robot", SLEEPER)]
-    with Supervisor(cell, DEMO, processes=processes) as supervisor:
-        supervisor.enable_restarts()
-        unaffected, killed_pid = pids_of(cell)
-        os.kill(killed_pid, signal.SIGKILL)
-
-        def is_back() -> bool:
-            supervisor.restart_exited()
-            return killed_pid not in pids_of(cell)
-
-        until(is_back)
-        assert unaffected in pids_of(cell)
-        run = read_run(cell.cell)
-        assert run is not None
-        entry = run.entry("robot")
-        assert entry is not None
-        assert entry.alive
-        assert entry.ended is None
-        (restart,) = restarts_of(run)
-        assert died_text(restart).startswith("robot: killed by SIGKILL at 2")
-        assert not supervisor.died
-    assert read_run(cell.cell) is None  # the run ended normally
-
-
-@pytest.mark.processes
-def test_a_process_that_always_exits_at_once_leaves_the_others_running(
-    cell: CellConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its restarts stop with a message; the others keep running, for status and the hold."""
-    monkeypatch.setattr("launch.restart.RESTART_PAUSE_S", 0.01)
-    output: list[str] = []
-    broken = "import sys; print('no sensor'); sys.exit(3)"
-    processes = [python("wrench", SLEEPER), python("robot", broken)]
-    with Supervisor(
-        cell, DEMO, processes=processes[:1], write_line=lambda _, line: output.append(line)
-    ) as supervisor:
-        supervisor.enable_restarts()
-        supervisor.begin(processes[1])
-
-        def is_given_up() -> bool:
-            supervisor.restart_exited()
-            return bool(supervisor.died)
-
-        until(is_given_up)
-        assert any("robot died 5 times within 60 s" in line for line in output)
-        assert any("exit code 3, no sensor" in line for line in output)
-        run = read_run(cell.cell)
-        assert run is not None
-        unaffected, exited = run.entry("wrench"), run.entry("robot")
-        assert unaffected is not None
-        assert unaffected.alive
-        assert exited is not None
-        assert exited.ended is not None
-        assert len(exited.deaths) == DEATH_LIMIT - 1

@@ -4,34 +4,73 @@ Every request model, every field at its extremes, in every state, against the co
 on a virtual clock. An unhandled error of a core is raised here and fails the test.
 """
 
-import json
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from common.bus.memory_bus import MemoryCall
-from common.config.calibration import CalibrationSection
 from common.motion.limits import Limits
 from forcemesh import topics
-from forcemesh.codec import SCHEMA_VERSION, decode_record, encode_record, pack
+from forcemesh.codec import decode_record
 from forcemesh.messages import OPERATIONAL
-from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, Reply
+from forcemesh.requests import Empty, HoldRequest, Reply
+from forcemesh.topics import REQUESTS
 from tests.fakes.bench import CELL
-from tests.fakes.extremes import hostile
 from tests.fakes.lab import BRAKE_S, Lab
 from tests.fakes.long import long
-from tests.unit.common.config.test_calibration import calibration
+from tests.fakes.records import full, places, put
 
+NUMBERS = (
+    -0.0, 5e-324, 100.0, -100.0, 1e6, -1e6, 1e200, -1e200, 1e308, -1e308,
+    float("inf"), float("-inf"), float("nan"), 0, 1, -1, 2**31, 2**63, 2**64 - 1, -(2**63),
+)  # fmt: skip
+OTHERS: tuple[Any, ...] = (None, (), (0.0,) * 64, {}, {"kind": "pose"}, True)
+TEXTS = ("", "x" * 501, "x" * 3400, "\x00", "../../../etc/passwd", "\ud7ff\U0010ffff", *OTHERS)
+# Of a request with several: one full body for each.
+KINDS: dict[str, list[dict[str, Any]]] = {
+    "request/move": [{"kind": kind} for kind in ("pose", "joints", "by")],
+    "request/force/start": [
+        {"law": law, "setpoint_N": 5.0} for law in ("plain", "adaptive", "admittance")
+    ],
+}
 EVERY_S = 0.004  # one request in each control period
 SAMPLE = 30  # of about 3000, for each state, in a quick run
 LIMITS = Limits.of(CELL)
 SPEED_M_S = 1.2 * CELL.limits.speed_m_s + 0.02  # of the simulated arm, with servo lag
 FORCE_N = 1.3 * CELL.limits.force_N
-LONGEST_SENTENCE = 400  # characters: no number is written out with 300 digits
+
+
+def bodies() -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every request: unchanged, then each value, and all numbers, replaced by extremes."""
+    for row in REQUESTS:
+        for kind in KINDS.get(row.key, [{}]):
+            whole = full(row.message) | kind
+            yield row.key, whole
+            for path, value in places(whole):
+                others = OTHERS if isinstance(value, dict | tuple) else NUMBERS
+                for extreme in TEXTS if isinstance(value, str) else others:
+                    yield row.key, put(whole, path, extreme)
+            for number in NUMBERS:
+                body = whole
+                for path, value in places(whole):
+                    if isinstance(value, float):
+                        body = put(body, path, number)
+                yield row.key, body
+
+
+def hostile() -> list[tuple[str, bytes]]:
+    """Return every request as bytes, whatever it contains."""
+    packed = []
+    for key, body in bodies():
+        try:
+            packed.append((key, bytes(msgpack.packb(body))))
+        except (ValueError, OverflowError, UnicodeEncodeError):
+            packed.append((key, b"\xc1"))
+    return packed
 
 
 def idle(lab: Lab) -> None:
@@ -112,90 +151,4 @@ def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> 
     lab = Lab(CELL)  # a request in each of its control periods
     STATES[state](lab)
     send_all(lab, requests)
-    assert_hold_works(lab)
-
-
-def calibration_json(path: tuple[str, ...], value: Any) -> str:
-    """Return a calibration of the cell with one value replaced; its revision is left out."""
-    fields: dict[str, Any] = {
-        "payload": CELL.payload,
-        "T_flange_tcp": CELL.tool.T_flange_tcp,
-        "T_flange_sensor": CELL.sensor.T_flange_sensor,
-    }
-    tree = json.loads(calibration(**fields).model_dump_json())
-    tree["revision"] = ""
-    part = tree
-    for name in path[:-1]:
-        part = part[name]
-    part[path[-1]] = value
-    return json.dumps(tree)
-
-
-EXTREME_CALIBRATIONS: list[tuple[tuple[str, ...], Any]] = [
-    (("payload", "gravity_direction_in_base"), [0.0, 0.0, -2.0]),
-    (("payload", "gravity_direction_in_base"), [0.0, 0.0, 0.0]),
-    (("payload", "gravity_direction_in_base"), [1e200, 0.0, 0.0]),
-    (("payload", "mounting_rotation_rad"), [1e300, 0.0, 0.0]),
-    (("payload", "mass_kg"), 1e308),
-    (("payload", "com_m"), [1e200, 1e200, 0.0]),
-    (("payload", "bias_force_N"), [1e308, 1e308, 1e308]),
-    (("payload", "bias_torque_Nm"), [-1e308, 0.0, 0.0]),
-    (("T_flange_tcp", "position_m"), [1e200, 0.0, 0.0]),
-    (("T_flange_tcp", "oat_deg"), [1e308, 0.0, 0.0]),
-    (("T_flange_sensor", "oat_deg"), [1e16, -1e16, 0.0]),
-]
-
-
-@pytest.fixture(scope="module")
-def held_lab() -> Lab:
-    """A held cell, which no refused calibration changes."""
-    lab = Lab()
-    held(lab)
-    return lab
-
-
-@pytest.mark.parametrize(("path", "value"), EXTREME_CALIBRATIONS, ids=str)
-def test_an_impossible_calibration_is_refused(
-    path: tuple[str, ...], value: Any, held_lab: Lab
-) -> None:
-    """The reply names the value; the wrench stays valid."""
-    lab = held_lab
-    text = calibration_json(path, value)
-    with pytest.raises(ValidationError) as refused:  # a file with this value is refused too
-        CalibrationSection.model_validate_json(text)
-    assert {str(mistake["loc"][0]) for mistake in refused.value.errors()} == {path[0]}
-    reply = lab.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
-    assert (reply.accepted, reply.code) == (False, "malformed")
-    assert all(name in reply.text for name in path)
-    assert len(reply.text) < LONGEST_SENTENCE
-    lab.cell.advance(0.05)
-    assert lab.now(lab.wrench).valid
-
-
-@pytest.mark.parametrize("w", [0.0, 1e-310, 2.0])
-def test_a_task_frame_whose_quaternion_is_no_rotation_is_refused(w: float) -> None:
-    """Zero, denormal, twice too long: `malformed` names the field, and nothing starts to press."""
-    lab = Lab()
-    pose = {"position_m": (0.0, 0.5, 0.3), "orientation_xyzw": (0.0, 0.0, 0.0, w)}
-    axes: tuple[dict[str, Any], ...] = ({}, {}, {"control": "force", "setpoint": 20.0}, {}, {}, {})
-    task = {"frame": "pose", "pose": pose, "axes": axes}
-    call = send(lab, topics.FORCE_START.key, pack({"v": SCHEMA_VERSION, "task": task}))
-    lab.cell.advance(2 * EVERY_S)
-    assert call.reply is not None
-    reply = decode_record(call.reply, Reply)
-    assert (reply.accepted, reply.code) == (False, "malformed")
-    assert "ForceStartRequest.task.pose.orientation_xyzw: the quaternion" in reply.text
-    lab.assert_still(0.1)
-
-
-def test_a_hold_is_served_while_every_inbox_is_full() -> None:
-    """With invalid requests in every inbox the hold is executed within two periods."""
-    lab = Lab()
-    lab.lift()
-    for row in topics.REQUESTS:
-        for _ in range(16):
-            send(lab, row.key, encode_record(Empty()) if row is topics.CLEAR else b"\xc1")
-    lab.cell.advance(EVERY_S * 2)
-    assert lab.status.state not in OPERATIONAL
-    lab.cell.advance(EVERY_S * 8)  # until the queued requests are answered: a few in each period
     assert_hold_works(lab)

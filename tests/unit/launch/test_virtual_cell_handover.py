@@ -1,17 +1,16 @@
-"""Handover between commanders in a whole cell: the arm rests in between and never jumps."""
+"""Handover between commanders in a whole cell, and a jog into the plate: rest, and no jump."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
-from common.config.load import load_cell
+from common.bus.configured_cell import ConfiguredCell
 from forcemesh import topics
-from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
-from tests.fakes.bench import DEMO
-from tests.fakes.lab import PRESS_N, Lab
+from forcemesh.errors import ArmStoppedError
+from forcemesh.requests import MoveRequest, Reply
+from tests.fakes.lab import BRAKE_S, Lab
 
-TCP = load_cell(DEMO.with_name("demo-tcp.yaml"))
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
 LAST_SET_POINT_S = 0.03  # until set points in flight at the handover have arrived
 
@@ -21,15 +20,6 @@ def move(lab: Lab, commander: Any, z_m: float = 0.05) -> Reply:
     request = MoveRequest(kind="pose", pose=lab.target(z_m=z_m), commander=commander)
     reply: Reply = lab.ask(topics.MOVE, request)
     return reply
-
-
-def press(lab: Lab, host: Any) -> None:
-    """Press on the plate under force feedback."""
-    request = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).accepted
-    lab.cell.advance(2.5)
-    assert lab.status.commander == "regulator"
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
 
 
 def accelerations_rad_s2(lab: Lab, duration_s: float) -> np.ndarray:
@@ -70,39 +60,23 @@ def test_a_move_takes_the_arm_from_force_feedback(motion: str, commander: str) -
     assert lab.status.commander == "regulator"
 
 
-def test_after_an_operator_takes_the_arm_a_program_is_refused_as_busy() -> None:
-    """Program, operator, program: the third waits, and gets the arm when it is free."""
+def client_of(lab: Lab) -> ConfiguredCell:
+    """Return a client of the lab."""
+    return ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
+
+
+def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> None:
+    """`jog z -80`: 20 N plus the rise at 50 mm/s until rest; arming and retract still work."""
     lab = Lab()
-    assert move(lab, "program", z_m=0.1).accepted
-    lab.cell.advance(0.5)
-    hand_over(lab, "operator")
-    refused = move(lab, "program")
-    assert (refused.accepted, refused.code) == (False, "busy")
-    assert "operator" in refused.text
-    lab.finish_move(4.0)
-    assert move(lab, "program").accepted
-    lab.seconds_until(lambda: lab.status.commander == "program", 0.5)
-
-
-def test_a_person_takes_the_arm_from_a_program_over_tcp() -> None:
-    """The controller brakes the first move, and the second one begins at rest."""
-    lab = Lab(TCP)
-    assert move(lab, "program", z_m=0.1).accepted
-    lab.cell.advance(0.5)
-    hand_over(lab, "operator")
-    lab.finish_move(4.0)
-
-
-def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
-    """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
-    lab = Lab(TCP)
-    press(lab, "pc")
-    ownership = lab.status.ownership
-    request = ForceStartRequest(mode="position", host="controller", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, request).accepted
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "feedback", 1.0)
-    assert lab.status.ownership > ownership
-    lab.cell.advance(1.0)
-    assert lab.status.commander == "regulator"
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError, match="force rose") as stopped:
+        client.jog((0.0, 0.0, -0.08))
+    assert stopped.value.code == "force"
+    lab.cell.advance(BRAKE_S)
+    assert 20.0 < lab.force_N < lab.cell.cell.limits.force_N
+    lab.cell.advance(1.2)
+    reply = client.arm("jog")
+    assert "loaded with" in reply.text
+    client.move.retract()
+    assert abs(lab.force_N) < 2.0
+    assert client.load_N() is None

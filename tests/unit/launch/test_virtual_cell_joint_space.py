@@ -4,12 +4,11 @@ from math import radians
 
 import numpy as np
 
-from common.config.load import load_cell
 from common.motion.frames import Array
 from common.motion.joint_space import JOINT_MARGIN, SPEED_SHARE
 from forcemesh import topics
 from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
-from tests.fakes.bench import CELL, DEMO
+from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 
 MOST_RAD_S = (
@@ -58,33 +57,3 @@ def test_a_path_beside_the_wrist_singularity_is_slowed_and_followed() -> None:
     speed_rad_s = np.abs(np.diff(angles[::5], axis=0)) / 0.02
     assert (speed_rad_s <= MOST_RAD_S).all()
     assert speed_rad_s[:, 3].max() > 1.0, "joint 4 swings round"
-
-
-def test_a_path_that_is_too_fast_there_is_refused_with_point_and_joint() -> None:
-    """At 50 mm/s joint 4 would be above its limit; nothing changes."""
-    lab = lab_at((0.0, 0.0, -90.0, 0.0, -0.5, 0.0))
-    assert lab.ask(topics.FORCE_START, PRESS).accepted
-    lab.cell.advance(0.1)
-    reply = lab.ask(topics.FORCE_PATH, path_across(lab, 0.02, 0.05))
-    assert (reply.accepted, reply.code) == (False, "joint_speed")
-    assert reply.text.startswith("point 1: joint 4 would turn at ")
-    assert lab.now(lab.command).kind == "setpoint"
-
-
-def test_force_feedback_near_the_end_of_a_range_holds_and_names_the_joint() -> None:
-    """The approach would leave the range of joint 3, which the cell file narrows."""
-    ranges = {
-        "robot.joint_min_deg": [-180, -135, -91, -200, -125, -360],
-        "robot.joint_max_deg": [180, 135, -89, 200, 125, 360],
-    }
-    lab = Lab(load_cell(DEMO, {**ranges, "sim.gap_m": 0.1}))
-    assert lab.ask(topics.FORCE_START, PRESS).accepted
-    lab.seconds_until(lambda: lab.status.state == "HOLDING", 5.0)
-    (trip,) = lab.status.trips
-    assert (trip.code, trip.unit) == ("joint", "rad")
-    assert trip.text.startswith("joint 3 = -")
-    assert trip.limit in {radians(-91.0), radians(-89.0)}
-    low, high = radians(-91.1), radians(-88.9)
-    lab.cell.advance(0.3)
-    assert low < lab.cell.arm.q[2] < high
-    lab.assert_still(0.3)

@@ -1,24 +1,53 @@
-"""`forcemesh bringup`: what it asks, runs, keeps, and where it continues."""
+"""`forcemesh bringup`: what it asks, runs, judges, keeps, and where it continues."""
 
-from collections.abc import Sequence
+import json
+import re
+import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer.main
 import yaml
-from typer import Abort
 
+from cli.__main__ import app
 from cli.bringup import judge, needs, steps
-from cli.bringup.judge import Judgement, Outcome
-from cli.bringup.needs import RunningCell, Situation
-from cli.bringup.steps import BringupStep
-from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
-from common.config.evidence import evidence_file, read_evidence
+from cli.bringup.judge import (
+    Judgement,
+    Outcome,
+    by_exit_code,
+    judge_calibration,
+    judge_doctor,
+    judge_installation,
+    judge_press,
+    judge_probe,
+    judge_tuning,
+    run_command,
+)
+from cli.bringup.needs import RunningCell, Situation, cell_down, cell_up, situation_of
+from cli.bringup.steps import PAGE, STEPS, BringupStep
+from cli.context import NOT_WELL, OK, REFUSED
+from common.config.cell import CellConfig
+from common.config.evidence import PROGRAMS, read_evidence
 from common.config.load import cell_hash, dump_cell, load_cell
+from forcemesh.errors import BusError
+from launch.run_file import new_run, write_run
+from tests.fakes.bench import DEMO
 from tests.fakes.verb_calls import run
 from tools.tree import ROOT
 
-RUN_COMMAND = judge.run_command
+LADDER = (
+    BringupStep("network", ("gateway.host",), question="is {host} there?", remedy="cable"),
+    BringupStep("probe", ("gateway", "probe"), ("probe --out {probe}{yes}",),
+                remedy="refusals", needs=(needs.cell_down,), moves=True),
+    BringupStep("tune", ("robot",), ("arm", "tune"), "did it move?", remedy="by hand",
+                needs=(needs.cell_up,)),
+    BringupStep("press", ("robot",), ("press 5",), needs=(needs.cell_up,), at_measured_speed=True,
+                moves=True),
+)  # fmt: skip
 
 
 @dataclass
@@ -42,28 +71,28 @@ class Lab:
         running = RunningCell(cell_hash(load_cell(file)), self.percent) if self.is_up else None
         return Situation(file, running)
 
+    def run(self, *words: str, text: str = "") -> tuple[int, str]:
+        """Run the verb; return exit code and output."""
+        done = run("bringup", *words, "--cell", self.file, text=text)
+        return done.exit_code, done.output
 
-def kept(_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
-    """Keep a number."""
-    return Judgement(judge.by_exit_code(_file, outcomes).why, {"delay_s": 0.1})
+    def states(self) -> list[str]:
+        """Return what is shown of each step."""
+        _, output = self.run("--status")
+        return [line.split()[3] for line in output.splitlines() if line[2:4].strip().isdigit()]
 
-
-LADDER = (
-    BringupStep("network", ("gateway.host",), question="is {host} there?", remedy="cable"),
-    BringupStep("probe", ("gateway", "probe"), ("probe --out {probe}{yes}",), judge=kept,
-                remedy="refusals", needs=(needs.cell_down,), moves=True),
-    BringupStep("tune", ("robot",), ("arm", "tune"), "did it move?", remedy="by hand",
-                needs=(needs.cell_up,)),
-    BringupStep("press", ("robot",), ("press 5",), needs=(needs.cell_up,), at_measured_speed=True,
-                moves=True),
-)  # fmt: skip
+    def write(self, section: str, **values: Any) -> None:
+        """Change values of the cell file."""
+        tree = yaml.safe_load(self.file.read_text())
+        tree[section] |= values
+        self.file.write_text(yaml.safe_dump(tree))
 
 
 @pytest.fixture
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Lab:
     """A short ladder, and a cell with a controller."""
     path = tmp_path / "lab.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml")))
+    path.write_text(dump_cell(load_cell(DEMO.with_name("demo-tcp.yaml"))))
     made = Lab(path)
     monkeypatch.setattr(steps, "STEPS", LADDER)
     monkeypatch.setattr(steps, "BY_NAME", {step.name: step for step in LADDER})
@@ -72,71 +101,54 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Lab:
     return made
 
 
-def states(lab: Lab) -> list[str]:
-    """Return what is shown of each step."""
-    done = run("bringup", "--status", "--cell", lab.file)
-    return [line.split()[3] for line in done.stdout.splitlines() if line[2:4].strip().isdigit()]
-
-
 def test_it_continues_where_it_stopped(lab: Lab) -> None:
     """A step that needs the running cell fails with the command that starts it."""
-    done = run("bringup", "--cell", lab.file, text="y\ny\n")
-    assert done.exit_code == NOT_WELL
-    assert "is 127.0.0.1 there?" in done.output
-    assert "hand at the emergency stop" in done.output
-    assert f"FAIL tune: the cell is not up: `forcemesh up --cell {lab.file}`" in done.output
+    code, output = lab.run(text="y\ny\n")
+    assert code == NOT_WELL
+    assert "is 127.0.0.1 there?" in output
+    assert "hand at the emergency stop" in output
+    assert f"FAIL tune: the cell is not up: `forcemesh up --cell {lab.file}`" in output
     assert lab.ran == [f"probe --out {lab.file.parent / 'probe.yaml'}"]
-    assert states(lab) == ["passed", "passed", "failed", "open"]
+    assert lab.states() == ["passed", "passed", "failed", "open"]
     lab.is_up, lab.ran = True, []
-    done = run("bringup", "--cell", lab.file, text="y\ny\ny\n")
-    assert (done.exit_code, lab.ran) == (OK, ["arm", "tune", "press 5"])
-    assert "all steps have passed" in done.output
-    assert read_evidence(lab.file).steps["probe"].numbers == {"delay_s": 0.1}
-    assert run("bringup", "--status", "--cell", lab.file).exit_code == OK
-    assert run("bringup", "--cell", lab.file).exit_code == OK
+    code, output = lab.run(text="y\ny\ny\n")
+    assert (code, lab.ran) == (OK, ["arm", "tune", "press 5"])
+    assert "all steps have passed" in output
+    assert (lab.run("--status")[0], lab.run()[0]) == (OK, OK)
 
 
 def test_without_a_yes_nothing_is_run(lab: Lab) -> None:
     """A step of a person alone is then failed, with its remedy."""
-    done = run("bringup", "--cell", lab.file, text="n\n")
-    assert done.exit_code == NOT_WELL
-    assert "FAIL network: not confirmed -> cable" in done.output
-    done = run("bringup", "--cell", lab.file, text="y\nn\n")
-    assert (done.exit_code, lab.ran) == (REFUSED, [])
-    assert states(lab) == ["passed", "open", "open", "open"]
+    code, output = lab.run(text="n\n")
+    assert (code, "FAIL network: not confirmed -> cable" in output) == (NOT_WELL, True)
+    code, _ = lab.run(text="y\nn\n")
+    assert (code, lab.ran) == (REFUSED, [])
+    assert lab.states() == ["passed", "open", "open", "open"]
 
 
 def test_a_command_that_fails_ends_its_step(lab: Lab) -> None:
     """Its error and the remedy are kept; the question after it is not asked."""
-    lab.is_up, lab.codes = True, {"arm": 3}
-    lab.file.with_name("lab.bringup.yaml").write_text(
-        "steps:\n" + "".join(f"  {n}: {{passed_at: 2026-11-27}}\n" for n in ("network", "probe"))
-    )
-    done = run("bringup", "--cell", lab.file, text="y\n")
-    assert (done.exit_code, lab.ran) == (NOT_WELL, ["arm"])
+    lab.run("--yes")
+    lab.is_up, lab.codes, lab.ran = True, {"arm": 3}, []
+    code, _ = lab.run(text="y\n")
+    assert (code, lab.ran) == (NOT_WELL, ["arm"])
     why = "`forcemesh arm`: arm has ended, exit code 3 -> by hand"
     assert read_evidence(lab.file).steps["tune"].why == why
-    lab.codes = {}
-    done = run("bringup", "--cell", lab.file, text="y\nn\n")
-    assert "FAIL tune: not confirmed -> by hand" in done.output
     lab.codes = {"press": 1}
-    done = run("bringup", "--cell", lab.file, text="y\ny\ny\n")
-    assert done.output.splitlines()[-1].endswith("press has ended, exit code 1")
+    _, output = lab.run(text="y\ny\ny\n")
+    assert output.splitlines()[-1].endswith("press has ended, exit code 1")
 
 
 def test_yes_is_for_a_simulated_cell_only(lab: Lab) -> None:
     """The verbs get it too; the arm of a cell without the section `sim` is real."""
-    done = run("bringup", "--yes", "--cell", lab.file)
-    assert done.exit_code == NOT_WELL
+    assert lab.run("--yes")[0] == NOT_WELL
     assert lab.ran[0].endswith("probe.yaml --yes")
     tree = yaml.safe_load(lab.file.read_text())
     del tree["sim"]
-    lab.file.write_text(
-        yaml.safe_dump(tree | {"roles": {"robot": "gateway", "sensor": "external"}})
-    )
-    done = run("bringup", "--yes", "--cell", lab.file)
-    assert done.exit_code == REFUSED
-    assert "the arm is real" in done.output
+    real = tree | {"roles": {"robot": "gateway", "sensor": "external"}}
+    lab.file.write_text(yaml.safe_dump(real))
+    code, output = lab.run("--yes")
+    assert (code, "the arm is real" in output) == (REFUSED, True)
 
 
 def test_a_press_at_a_lower_monitor_speed_than_measured_is_refused(lab: Lab) -> None:
@@ -144,113 +156,198 @@ def test_a_press_at_a_lower_monitor_speed_than_measured_is_refused(lab: Lab) -> 
     (lab.file.parent / "probe.yaml").write_text(
         "robot: {delay_s: 0.1}\nresults: {mspeed: {value: 50.0}}\n"
     )
-    run("bringup", "--yes", "--cell", lab.file)
+    lab.run("--yes")
     lab.is_up, lab.percent = True, 25.0
-    tree = yaml.safe_load(lab.file.read_text())
-    tree["robot"]["probe"] = "probe.yaml"
-    lab.file.write_text(yaml.safe_dump(tree))
-    done = run("bringup", "--yes", "--cell", lab.file)
-    assert done.exit_code == NOT_WELL
-    assert "FAIL press: monitor speed: 25 %; robot.delay_s was measured at 50 %" in done.output
+    lab.write("robot", probe="probe.yaml")
+    code, output = lab.run("--yes")
+    assert code == NOT_WELL
+    assert "FAIL press: monitor speed: 25 %; robot.delay_s was measured at 50 %" in output
     assert lab.ran[-1] == "tune"
     assert read_evidence(lab.file).steps["tune"].numbers == {"monitor_speed_percent": 25.0}
     lab.percent = 50.0
-    assert run("bringup", "--yes", "--cell", lab.file).exit_code == OK
+    assert lab.run("--yes")[0] == OK
 
 
 def test_a_changed_input_and_again_make_a_step_due_again(lab: Lab) -> None:
     """Later steps that do not depend on it stay passed."""
-    lab.is_up = False
-    run("bringup", "--yes", "--cell", lab.file)
+    lab.run("--yes")
     lab.is_up = True
-    assert run("bringup", "--yes", "--cell", lab.file).exit_code == OK
-    tree = yaml.safe_load(lab.file.read_text())
-    tree["gateway"]["host"] = "192.168.0.2"
-    lab.file.write_text(yaml.safe_dump(tree))
-    assert states(lab) == ["changed", "changed", "passed", "passed"]
+    assert lab.run("--yes")[0] == OK
+    lab.write("gateway", host="192.168.0.2")
+    assert lab.states() == ["changed", "changed", "passed", "passed"]
     lab.is_up, lab.ran = False, []
-    assert run("bringup", "--yes", "--cell", lab.file).exit_code == OK
-    assert len(lab.ran) == 1
-    done = run("bringup", "--again", "probe", "--cell", lab.file, text="n\n")
-    assert (done.exit_code, len(lab.ran)) == (REFUSED, 1)
-    assert states(lab) == ["passed"] * 4
-    run("bringup", "--again", "probe", "--yes", "--cell", lab.file)
+    assert (lab.run("--yes")[0], len(lab.ran)) == (OK, 1)
+    assert (lab.run("--again", "probe", text="n\n")[0], len(lab.ran)) == (REFUSED, 1)
+    assert lab.states() == ["passed"] * 4
+    lab.run("--again", "probe", "--yes")
     assert len(lab.ran) == 2
 
 
-def test_a_step_runs_the_verbs_of_the_command_line(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
+PRESS = {"setpoint_N": 5.0, "reached_s": 1.0, "mean_N": 4.98761, "ripple_N": 0.1, "peak_N": 5.4}
+
+
+def ending(code: object, out: str = "", err: str = "") -> Callable[[list[str]], None]:
+    """Return a command line that prints and ends."""
+
+    def run(_words: list[str]) -> None:
+        sys.stdout.write(out)
+        sys.stderr.write(err)
+        sys.exit(code)  # type: ignore[arg-type]
+
+    return run
+
+
+def test_the_output_of_a_command_is_shown_and_kept_or_is_a_report(
+    cell_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In this process; the error of the verb is shown and kept."""
-    step = BringupStep("record", ("roles",), ("record status",), remedy="recordings.md")
-    monkeypatch.setattr(steps, "STEPS", (step,))
-    monkeypatch.setattr(steps, "BY_NAME", {"record": step})
-    monkeypatch.setattr(judge, "run_command", RUN_COMMAND)
-    done = run("bringup", "--yes", "--cell", lab.file)
-    assert done.exit_code == NOT_WELL
-    assert "`forcemesh up` starts it" in done.stderr
-    why = read_evidence(lab.file).steps["record"].why
-    assert why.startswith("`forcemesh record status`: ")
-    assert why.endswith("exit code 4 -> recordings.md")
+    """Without --json the output is shown too; with it, a command without a report has failed."""
+    words: list[str] = []
 
+    def tune(given: list[str]) -> None:
+        words.extend(given)
+        ending(3, "done\n", "\x1b[2Kwhy\n")(given)
 
-def test_a_mistake_is_one_sentence(lab: Lab) -> None:
-    """A step that does not exist, evidence that cannot be read."""
-    done = run("bringup", "--again", "fly", "--cell", lab.file)
-    assert done.exit_code == USAGE
-    assert "--again fly: no such step; there are network, probe" in done.output
-    evidence_file(lab.file).write_text("bringup: 2\n")
-    assert run("bringup", "--cell", lab.file).exit_code == USAGE
-
-
-def test_evidence_that_cannot_be_written_is_refused_before_a_step(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A folder without the right, a full disk: the arm would move for nothing."""
-
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "replace", refuse)
-    done = run("bringup", "--yes", "--cell", lab.file)
-    assert done.exit_code == USAGE
-    assert "lab.bringup.yaml: cannot be written: Permission denied" in done.output
-    assert "there?" not in done.output
-
-
-def test_a_probe_that_is_missing_can_be_measured(lab: Lab) -> None:
-    """Though the cell file names it already; a step that needs its values has the remedy."""
-    tree = yaml.safe_load(lab.file.read_text())
-    tree["robot"]["probe"] = "probe.yaml"
-    lab.file.write_text(yaml.safe_dump(tree))
-    lab.situation = lambda file: Situation(file, None)  # type: ignore[method-assign]
-    done = run("bringup", "--cell", lab.file, text="y\ny\n")
-    assert lab.ran == [f"probe --out {lab.file.parent / 'probe.yaml'}"]
-    assert "FAIL tune: the cell is not up" in done.output
-    done = run("config", "check", lab.file)
-    assert done.exit_code == USAGE
-    assert "measure it with `forcemesh probe`, or take robot.probe out" in done.output
-
-
-def test_an_interruption_after_a_motion_reports_no_rest(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The question after the commands: the arm has moved; the step stays as it was."""
-    lab.is_up = True
-    lab.file.with_name("lab.bringup.yaml").write_text(
-        "steps:\n" + "".join(f"  {n}: {{passed_at: 2026-11-27}}\n" for n in ("network", "probe"))
+    done = run_command("tune --write 'a b.yaml'", cell_file, tune)
+    assert words == ["tune", "--write", "a b.yaml", "--cell", str(cell_file)]
+    assert (done.code, done.last_line) == (3, "why")
+    assert capsys.readouterr() == ("done\n", "\x1b[2Kwhy\n")
+    assert (
+        by_exit_code(cell_file, [done]).why
+        == "`forcemesh tune --write 'a b.yaml'`: why, exit code 3"
     )
+    done = run_command("press 5 --json", cell_file, ending(0, json.dumps(PRESS)))
+    assert (done.report, capsys.readouterr().out) == (PRESS, "")
+    done = run_command("press 5 --json", cell_file, ending(4, "", "no reply\n"))
+    assert (done.code, done.report, done.last_line) == (4, {}, "no reply")
+    assert by_exit_code(cell_file, [run_command("tare", cell_file, ending(None))]) == Judgement()
+    for text in ("", "a note\n{}", "[]"):
+        done = run_command("check axes --json", cell_file, ending(0, text))
+        assert (done.code, done.report) == (1, {})
 
-    def interrupt(*_: object, **__: object) -> bool:
-        if not lab.ran:
-            return True
-        error = Abort()
-        error.__context__ = KeyboardInterrupt()
-        raise error
 
-    monkeypatch.setattr("cli.context.confirm", interrupt)
-    done = run("bringup", "--cell", lab.file)
-    assert (done.exit_code, lab.ran) == (INTERRUPTED, ["arm", "tune"])
-    assert "interrupted: tune is not confirmed" in done.output
-    assert "nothing was moved" not in done.output
-    assert states(lab)[2] == "open"
+def lines(*rows: tuple[str, str, str]) -> Outcome:
+    """Return a report of the doctor."""
+    report = [{"check": c, "result": r, "found": f, "remedy": "do it"} for c, r, f in rows]
+    return Outcome("doctor --json", 1, "", {"lines": report})
+
+
+def axes(code: int, **changes: Any) -> Outcome:
+    """Return a report of the installation."""
+    report: dict[str, Any] = {
+        "verdict": "right", "source": "six poses", "findings": [], "not_shown": [],
+        "evidence": {"mass_kg": 1.00042},
+    }  # fmt: skip
+    return Outcome("check axes", code, "", report | changes)
+
+
+UNCALIBRATED = ("calibration", "FAIL", "none")  # comes later
+SLOW = ("monitor speed", "FAIL", "12.5 %; robot.delay_s was measured at 25 %")
+LIGHT = {"text": "the tool weighs 1 kg", "remedy": "write it"}
+FAILED: list[Any] = [
+    (judge, Outcome("tune", 1, "busy\n"), "`forcemesh tune`: busy, exit code 1", {})
+    for judge in (judge_doctor, judge_installation, judge_probe, judge_calibration, judge_tuning)
+]
+
+
+@pytest.mark.parametrize(
+    ("judge", "outcome", "why", "numbers"),
+    [
+        *FAILED,
+        (judge_doctor, lines(UNCALIBRATED, ("peer", "WARN", "any")), "", {}),
+        (judge_doctor, lines(UNCALIBRATED, ("mode", "FAIL", "TEACH"), SLOW),
+         "mode: TEACH -> do it; monitor speed: 12.5 %", {"monitor_speed_percent": 12.5}),
+        (judge_installation, axes(0), "", {"mass_kg": 1.0}),
+        (judge_installation, axes(1, findings=[LIGHT]), "the tool weighs 1 kg -> write it",
+         {"mass_kg": 1.0}),
+        (judge_installation, axes(1, verdict="cannot tell", not_shown=["the sign", "the mass"]),
+         "cannot tell: the sign; the mass", {"mass_kg": 1.0}),
+        (judge_press, Outcome("press 5 --json", 1, "held\n", PRESS),
+         "`forcemesh press 5 --json`: held, exit code 1", PRESS | {"mean_N": 4.988}),
+    ],
+)  # fmt: skip
+def test_a_report_gives_the_reason_with_its_remedy_and_the_numbers_to_keep(
+    cell_file: Path,
+    judge: Callable[[Path, list[Outcome]], Judgement],
+    outcome: Outcome,
+    why: str,
+    numbers: dict[str, float],
+) -> None:
+    """Every failed check or finding is named."""
+    judged = judge(cell_file, [outcome])
+    assert judged.why.startswith(why)
+    assert (bool(judged.why), judged.numbers) == (bool(why), numbers)
+
+
+def test_probe_and_tuning_keep_what_their_files_hold(cell_file: Path) -> None:
+    """Null is left out; a calibration that is not there is a failure."""
+    good, folder = [Outcome("probe", 0, "")], cell_file.parent
+    (folder / "probe.yaml").write_text("robot: {delay_s: 0.1}\nresults: {mspeed: {value: 10.0}}\n")
+    (folder / "tuning.yaml").write_text("robot: {delay_s: 0.12345}\n")
+    assert judge_probe(cell_file, good).numbers == {"delay_s": 0.1, "monitor_speed_percent": 10.0}
+    assert judge_tuning(cell_file, good).numbers == {"delay_s": 0.1235}
+    assert "is not there" in judge_calibration(cell_file, good).why
+
+
+def test_a_cell_is_up_when_its_hub_or_its_supervisor_is(
+    cell_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise its start is the remedy, and the controller's connection is free."""
+
+    def refuse(*_: object, **_options: object) -> None:
+        raise BusError("no hub")
+
+    monkeypatch.setattr(needs, "ConfiguredCell", refuse)
+    down = situation_of(cell_file)
+    assert (down.running, cell_down(down)) == (None, "")
+    assert f"`forcemesh up --cell {cell_file}`" in cell_up(down)
+    write_run(new_run(load_cell(cell_file), cell_file))  # this test is the supervisor
+    up = situation_of(cell_file)
+    assert up.running == RunningCell("", None)
+    assert "Ctrl-C" in cell_down(up)
+    assert "`forcemesh status`" in cell_up(up)
+
+
+def test_a_cell_with_another_file_than_the_present_one_is_to_be_restarted(cell_file: Path) -> None:
+    """A step would be judged with other numbers than those of the file."""
+    running = RunningCell(cell_hash(load_cell(cell_file)), None)
+    assert cell_up(Situation(cell_file, running)) == ""
+    tree = yaml.safe_load(cell_file.read_text())
+    tree["payload"]["mass_kg"] = 1.23
+    cell_file.write_text(yaml.safe_dump(tree))
+    assert "has changed since the cell was started" in cell_up(Situation(cell_file, running))
+
+
+# --- steps ----------------------------------------------------------------------------------------
+
+TEXT = (ROOT / PAGE).read_text(encoding="utf-8")
+COMMANDS = sorted(set(re.findall(r"(?:`|^)forcemesh ([^`\n#]+)", TEXT, re.MULTILINE)))
+FILES = ("probe", "calibration", "tuning")
+
+
+def test_the_page_has_a_section_for_each_step_in_its_order() -> None:
+    """With what to do, when it passes, what to do if not, and every command as it is run."""
+    parts = re.split(r"\n## (\d+)\. (\w+)\n", TEXT)
+    names, sections = parts[2::3], parts[3::3]
+    assert list(names) == [step.name for step in STEPS]
+    for step, section in zip(STEPS, sections, strict=True):
+        assert all(f"- **{word}**:" in section for word in ("Do", "Pass", "If not"))
+        for command in step.commands:
+            plain = command.replace("{yes}", "").replace(" --json", "")
+            plain = plain.format(probe="cells/probe.yaml", tuning="cells/tuning.yaml")
+            assert f"forcemesh {plain}" in section
+        assert ("he arm moves" in section) == step.moves
+        for name in step.inputs:  # a file, or a section or field of the cell file
+            is_file = name in FILES or (PROGRAMS / name).is_file()
+            assert is_file or name.split(".")[0] in CellConfig.model_fields, name
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_of_the_page_has_its_options(command: str) -> None:
+    """A verb of the command line, and options that it has."""
+    verb: Any = typer.main.get_command(app)
+    words = shlex.split(command)
+    while words and words[0] in getattr(verb, "commands", {}):
+        verb = verb.commands[words.pop(0)]
+    assert not hasattr(verb, "commands")
+    options = {option for each in verb.params for option in each.opts}
+    assert {word for word in words if word.startswith("--")} <= options

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,10 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cli.calibration.finish import Job, store_result
-from cli.calibration.output_files import OutputFiles, output_files
+from cli.calibration.output_files import OutputFiles
 from cli.calibration.page import page
-from common.config.cell import CellConfig
-from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import predict
 from forcemesh.errors import BusError, DataError, ForcemeshError, RefusedError
@@ -29,15 +26,11 @@ from identification.verification import (
     active_residual,
     judge_residual,
 )
+from tests.fakes import weights
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
-TRUTH = Payload(
-    mass_kg=1.2,
-    com_m=(0.01, -0.02, 0.06),
-    bias_force_N=(1.0, -2.0, 3.0),
-    bias_torque_Nm=(0.1, 0.0, -0.1),
-)
+TRUTH = weights.TRUTH.model_copy(update={"mass_kg": 1.2})  # below contact.inertia_kg
 
 
 def dwell(purpose: Purpose, seed: int, push_N: float = 0.0) -> Dwell:
@@ -77,76 +70,29 @@ def found() -> Findings:
 @pytest.mark.parametrize(
     ("fresh", "push_N", "word"), [(3, 0.0, "PASS"), (3, 2.0, "FAIL"), (0, 0.0, "NOT VERIFIED")]
 )
-def test_the_title_of_the_page_is_the_verdict(fresh, push_N, word):
-    """The tab of a browser shows the verdict."""
-    html = str(page(findings(fresh, push_N)))
-    assert f"<title>Calibration of demo: {word}</title>" in html
-    assert len(re.findall('class="verdict"', html)) == 1
-
-
-def test_the_page_has_every_item_of_the_report_and_needs_no_other_file(found):
-    """Names are escaped, the three pictures are embedded, there is no script."""
+def test_the_page_has_verdict_numbers_and_pictures_and_needs_no_other_file(fresh, push_N, word):
+    """The tab of a browser shows the verdict; names are escaped, there is no script."""
+    found = findings(fresh, push_N, touched_N=4.0)
     html, section = str(page(found)), found.section
-    for text in (
-        "gripper &lt;2&gt; &amp; cable",
-        "FT&lt;7&gt;",
-        section.revision,
-        f"{section.payload.mass_kg:.4f}",
-        "the wizard moved the arm",
-        "left out 40 readings: in contact, or touched",
-        "pose 2 was refused",
-    ):
+    assert f"<title>Calibration of demo: {word}</title>" in html
+    escaped = ("gripper &lt;2&gt; &amp; cable", "FT&lt;7&gt;")
+    for text in (*escaped, section.revision, f"{section.payload.mass_kg:.4f}", "left out 40"):
         assert text in html
     sources = re.findall('(?:src|href|srcset)="([^"]*)"', html)
-    assert len(sources) == 3
-    assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
+    assert [source.partition(",")[0] for source in sources] == ["data:image/svg+xml;base64"] * 3
     assert not any(word in html for word in ("<script", "@import", "url("))
 
 
-# --- verdict --------------------------------------------------------------------------------------
-
-norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
-
-
-@settings(max_examples=60)
-@given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
-def test_the_verdict_passes_when_every_residual_is_within_its_bound(left, most_N, most_Nm):
-    """The largest residual decides, for force and torque."""
-    verdict = judge_residual(
-        Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
-    )
-    assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
-    assert verdict.text.startswith(verdict.result)
-
-
-def test_the_residual_of_the_cell_needs_a_valid_wrench_at_every_pose():
-    """A pose without a valid wrench cannot verify a calibration."""
+def test_every_residual_must_be_within_its_bound_at_every_pose() -> None:
+    """The largest one decides, of force and of torque; a pose without a wrench verifies nothing."""
+    for force_N, torque_Nm, passed in ((0.2, 0.01, True), (0.3, 0.0, False), (0.0, 0.02, False)):
+        left = Residual(np.array([0.0, force_N]), np.array([torque_Nm, 0.0]))
+        assert judge_residual(left, VerificationBounds(0.2, 0.01)).passed is passed
     good = dwell("verify", 1, push_N=0.25)
     assert active_residual([good]).force_N == pytest.approx([0.25])
-    silent = Dwell("verify", *(getattr(good, name) for name in good.__slots__[1:6]))
+    silent = replace(good, residual_N=None, residual_Nm=None)
     with pytest.raises(DataError, match="not valid at every pose"):
         active_residual([good, silent])
-
-
-# --- files ----------------------------------------------------------------------------------------
-
-
-def test_out_overrides_the_cell_file_with_advice(tmp_path, monkeypatch):
-    """A path that differs from the cell's own needs a line in the cell file."""
-    cell_file = tmp_path / "cells" / "a.yaml"
-    cell_file.parent.mkdir()
-    cell_file.write_text("calibration: ../made/a.yaml\n")
-    own = output_files(CELL, cell_file, None)
-    assert (own.calibration, own.advice) == (tmp_path / "made" / "a.yaml", "")
-    assert output_files(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
-    other = output_files(CELL, cell_file, tmp_path / "b.yaml")
-    assert other.calibration == tmp_path / "b.yaml"
-    assert f"set `calibration: ../b.yaml` in {cell_file}" in other.advice
-    cell_file.write_text("")
-    monkeypatch.chdir(tmp_path)
-    default = output_files(CELL, cell_file, None)
-    assert default.calibration == Path("calibration") / "demo.yaml"
-    assert "set `calibration: ../calibration/demo.yaml` in" in default.advice
 
 
 # --- use of the result ----------------------------------------------------------------------------
@@ -155,67 +101,41 @@ def test_out_overrides_the_cell_file_with_advice(tmp_path, monkeypatch):
 class RunningCell:
     """A cell that gives one reply to a calibration."""
 
-    def __init__(self, reply: Reply | ForcemeshError) -> None:
-        self.reply = reply
-        self.sent: list[str] = []
+    def __init__(self, error: ForcemeshError | None = None) -> None:
+        self.error, self.sent = error, list[str]()
 
     def calibrate(self, calibration_json: str) -> Reply:
         """Keep the calibration and reply."""
         self.sent.append(calibration_json)
-        if isinstance(self.reply, ForcemeshError):
-            raise self.reply
-        return self.reply
+        if self.error is not None:
+            raise self.error
+        return Reply(accepted=True)
 
 
-def stored(
-    folder: Path, found: Findings, cell: Any = None, *, config: CellConfig = CELL, **job: Any
-) -> tuple[int, str, set[str]]:
-    """Store findings; return exit code, the last sentence, and the calibrations in the folder."""
-    places = OutputFiles(folder / "demo.yaml")
-    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        code = store_result(Job(config, places, VerificationBounds(), **job), found, cell)
-    names = {path.name for path in folder.glob("*.yaml")}
-    return code, printed.getvalue().splitlines()[-1], names
+UNUSED = {"demo.unused.yaml"}
 
 
 @pytest.mark.parametrize(
-    ("reply", "code", "sentence"),
+    ("fresh", "push_N", "error", "job", "code", "sentence", "names"),
     [
-        (RefusedError("contact", "24.8 N"), 3, "refused it (contact): 24.8 N"),
-        (BusError("request/calibration: no answer"), 4, "is not known: `forcemesh status`"),
+        (3, 0.0, RefusedError("contact", "24.8 N"), {"use": True}, 3, "refused it (contact): 24.8",
+         UNUSED),
+        (3, 0.0, BusError("no answer"), {"use": True}, 4, "is not known: `forcemesh status`",
+         UNUSED),
+        (3, 0.0, None, {}, 0, "the cell does not use it: only --use puts", UNUSED),
+        (0, 0.0, None, {"use": True}, 1, "no fresh pose has verified it", UNUSED),
+        (3, 2.0, None, {"use": True}, 1, "nothing was written or put into use", set()),
+        (3, 2.0, None, {"force": True}, 1, "does not use it: it failed", UNUSED),
     ],
-)
-def test_a_calibration_that_the_cell_refuses_ends_non_zero(found, tmp_path, reply, code, sentence):
-    """PASS does not suffice, and the next start does not load a refused calibration."""
-    service: Any = RunningCell(reply)
-    ended, last, names = stored(tmp_path, found, service, use=True)
-    assert (ended, names) == (code, {"demo.unused.yaml"})
-    assert sentence in last
-
-
-@pytest.mark.parametrize(
-    ("fresh", "push_N", "job", "code", "sentence", "names"),
-    [
-        (3, 0.0, {}, 0, "the cell does not use it: only --use puts", {"demo.unused.yaml"}),
-        (0, 0.0, {"use": True}, 1, "no fresh pose has verified it", {"demo.unused.yaml"}),
-        (3, 2.0, {"use": True}, 1, "nothing was written or put into use", set()),
-        (3, 2.0, {"force": True}, 1, "does not use it: it failed", {"demo.unused.yaml"}),
-    ],
-)
-def test_only_a_verified_calibration_that_is_to_be_used_is_sent(
-    tmp_path, fresh, push_N, job, code, sentence, names
+)  # fmt: skip
+def test_only_a_verified_calibration_that_is_to_be_used_is_sent_and_loaded(
+    tmp_path, fresh, push_N, error, job, code, sentence, names
 ):
-    """Any other one is neither sent nor loaded at the next start."""
-    service: Any = RunningCell(Reply(accepted=True))
-    ended, last, found = stored(tmp_path, findings(fresh, push_N), service, **job)
-    assert (ended, service.sent, found) == (code, [], names)
-    assert sentence in last
-
-
-def test_a_tool_too_heavy_for_the_cell_is_refused_before_sending(found, tmp_path):
-    """A tool heavier than the limit of the gains gives the sentence of the running cell."""
-    light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
-    cell = CELL.model_copy(update={"contact": light})
-    code, last, _ = stored(tmp_path, found, config=cell, use=True)
-    assert code == 1
-    assert "contact.inertia_kg is 0.5" in last
+    """The next start does not load one that the cell has refused, or that is not to be used."""
+    service: Any = RunningCell(error)
+    made = Job(CELL, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), **job)
+    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
+        assert store_result(made, findings(fresh, push_N), service) == code
+    assert {path.name for path in tmp_path.glob("*.yaml")} == names
+    assert sentence in printed.getvalue().splitlines()[-1]
+    assert bool(service.sent) == (error is not None)

@@ -15,7 +15,6 @@ from cli.calibration.verb import puts_into_use
 from common.bus.configured_cell import ConfiguredCell
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
-from common.config.payload import Payload
 from forcemesh.requests import Reply
 from identification.installation.axis_fit import SIGNED
 from identification.recording import read_recording
@@ -23,8 +22,7 @@ from tests.fakes import verb_calls
 from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.calibration import HOME_RAD, CalibrationLab
 from tests.fakes.installations import recorded
-from tests.fakes.payload_csv import write_recording
-from tests.fakes.weights import TRUTH
+from tests.fakes.weights import TRUTH, drawn, write_recording
 
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
 
@@ -103,50 +101,17 @@ def test_the_running_cell_and_its_next_start_use_the_calibration(lab, tmp_path, 
     assert f"calibration in use: {found.revision}" in again.stdout
 
 
-def test_a_failed_verification_writes_nothing(lab, tmp_path):
-    """Exit code 1, with readings and a page; the cell keeps its calibration."""
-    result = run("--yes", "--max-torque", "0.0001", "--cell", tmp_path / "cell.yaml", *FAST)
-    assert result.exit_code == 1
-    assert "FAIL: at 1 fresh pose" in result.stdout
-    assert "nothing was written or put into use" in result.stdout.splitlines()[-1]
-    names = {path.name for path in (tmp_path / "made").iterdir()}
-    assert names == {"demo.csv", "demo.failed.html"}
-    assert load_cell(tmp_path / "cell.yaml").calibration is None
-
-
-def test_a_wrongly_installed_sensor_is_not_calibrated_by_the_wizard(lab, tmp_path):
-    """Fy shows -y: exit code 1 with the finding, before any fit."""
-    sensor = lab.world.arm.ft_sensor
-    sensor.wiring[:3, :3] = sensor.wiring[3:, 3:] = SIGNED[2]
-    result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
-    assert result.exit_code == 1
-    assert "no calibration is made" in result.stderr
-    assert load_cell(tmp_path / "cell.yaml").calibration is None
-
-
-def test_out_must_not_name_the_file_that_the_cell_loads(tmp_path):
-    """--out without --use must not name the file that the cell loads at its next start."""
-    named = tmp_path / "made" / "demo.yaml"
-    result = run("--out", named, "--cell", cell_file(tmp_path))
-    assert result.exit_code == 2
-    assert "the calibration file that the cell loads at start" in result.stderr
-
-
-@pytest.mark.parametrize(
-    ("options", "uses"),
-    [
-        ({}, False),
-        ({"use": True}, True),
-        ({"moves_arm": True}, True),
-        ({"moves_arm": True, "out": Path("a.yaml")}, False),
-        ({"moves_arm": True, "out": Path("a.yaml"), "use": True}, True),
-        ({"moves_arm": True, "force": True}, False),
-    ],
-)
-def test_the_wizard_uses_its_result_and_other_methods_need_the_option(options, uses):
+def test_the_wizard_uses_its_result_and_other_methods_need_the_option() -> None:
     """--out, a recording, manual poses or --force alone do not put the result into use."""
-    plain = {"out": None, "use": False, "force": False, "moves_arm": False}
-    assert puts_into_use(**(plain | options)) is uses
+    for out, use, force, moves_arm, uses in (
+        (None, False, False, False, False),
+        (None, True, False, False, True),
+        (None, False, False, True, True),
+        (Path("a.yaml"), False, False, True, False),
+        (Path("a.yaml"), True, False, True, True),
+        (None, False, True, True, False),
+    ):
+        assert puts_into_use(out=out, use=use, force=force, moves_arm=moves_arm) is uses
 
 
 @pytest.mark.parametrize("lab", ["none"], indirect=True)  # the wrench is calibrated
@@ -187,41 +152,30 @@ def quiet_cell(tmp_path) -> Path:
     return path
 
 
-def calibration_in(path: Path) -> CalibrationSection:
-    """Return the calibration of a file."""
-    return CalibrationSection(**yaml.safe_load(path.read_text()))
-
-
 def test_a_recording_alone_gives_an_unverified_calibration(tmp_path, quiet_cell):
     """The cell need not be up; without a second recording there is no verdict and no use."""
-    recording = write_recording(tmp_path / "a.csv", poses=12, seed=1)
-    result = run("--from", recording, "--cell", quiet_cell)
-    assert result.exit_code == 0, result.stderr
-    found = calibration_in(tmp_path / "made" / "demo.unused.yaml")
-    assert load_cell(quiet_cell).calibration is None
+    recording = write_recording(tmp_path / "a.csv", drawn(1, poses=12))
+    for words, code, sentence in (
+        ((), 0, "the cell does not use it"),
+        (("--use",), 1, "no fresh pose has verified it"),
+    ):
+        result = run("--from", recording, *words, "--cell", quiet_cell)
+        assert result.exit_code == code, result.stderr
+        assert "NOT VERIFIED" in result.stdout
+        assert sentence in result.stdout.splitlines()[-1]
+        assert load_cell(quiet_cell).calibration is None
+    path = tmp_path / "made" / "demo.unused.yaml"
+    found = CalibrationSection(**yaml.safe_load(path.read_text()))
     assert (found.method, found.verified) == ("recording", None)
     assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
-    assert "NOT VERIFIED" in result.stdout
-    assert "the cell does not use it" in result.stdout.splitlines()[-1]
-    assert "NOT VERIFIED" in (tmp_path / "made" / "demo.unused.html").read_text()
-
-    used = run("--from", recording, "--use", "--cell", quiet_cell)
-    assert used.exit_code == 1
-    assert "no fresh pose has verified it" in used.stdout.splitlines()[-1]
-    assert load_cell(quiet_cell).calibration is None
 
 
 @pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])
 def test_another_recording_verifies_a_calibration(tmp_path, quiet_cell, mass_kg, code, word):
     """One with the same tool passes; one with 200 g more fails and nothing is written."""
-    other = Payload(
-        mass_kg=mass_kg,
-        com_m=TRUTH.com_m,
-        bias_force_N=TRUTH.bias_force_N,
-        bias_torque_Nm=TRUTH.bias_torque_Nm,
-    )
-    recording = write_recording(tmp_path / "a.csv", poses=12, seed=1)
-    fresh = write_recording(tmp_path / "b.csv", poses=12, seed=2, payload=other)
+    other = TRUTH.model_copy(update={"mass_kg": mass_kg})
+    recording = write_recording(tmp_path / "a.csv", drawn(1, poses=12))
+    fresh = write_recording(tmp_path / "b.csv", drawn(2, other, poses=12))
     words = ("--from", recording, "--verify-with", fresh, "--cell", quiet_cell)
     result = run("--use", *words)
     assert result.exit_code == code, result.stderr
@@ -244,12 +198,3 @@ def test_a_wrongly_installed_sensor_is_not_calibrated_unless_forced(tmp_path, qu
     assert not (tmp_path / "made").exists()
     forced = run("--force", *words)
     assert "warning: the sensor is turned by 180 degrees about x" in forced.stderr
-
-
-def test_a_tool_of_unknown_mass_gives_a_remark(tmp_path, quiet_cell):
-    """Without the mass only a person can check that the readings are newtons."""
-    tree = yaml.safe_load(quiet_cell.read_text())
-    tree["payload"] |= {"mass_kg": 0.0, "com_m": [0.0, 0.0, 0.0]}
-    quiet_cell.write_text(yaml.safe_dump(tree))
-    result = run("--from", recorded(tmp_path / "a.csv"), "--cell", quiet_cell)
-    assert "the measured tool mass is 1 kg, the cell file has none" in result.stderr

@@ -1,33 +1,22 @@
-"""Calibration wizard in a whole virtual cell: a complete run, and every early end."""
+"""Calibration wizard in a whole virtual cell: early ends, and reading at rest."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cli.calibration.by_arm import drive
+from cli.calibration.gather import STILL_WITHIN_S, Gatherer
 from cli.calibration.wizard import CalibrationWizard
-from cli.context import INTERRUPTED
-from common.config.load import load_cell
-from common.config.payload import Payload
-from common.motion.frames import R_from_quaternion
-from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
-from identification.dwells import dwells_of_purpose
-from identification.evidence import evidence_of, findings_of
+from forcemesh.requests import ArmRequest, HoldRequest, MoveRequest
+from identification.errors import CalibrationError
 from identification.excitation.plan import CalibrationPlan
-from identification.verification import VerificationBounds
-from tests.fakes.bench import DEMO
+from sim.robot.ft_sensor import FtSample
 from tests.fakes.calibration import HOME_RAD, QUICK, CalibrationLab, demo_cell
 
-TRUTH = Payload(
-    mass_kg=1.0,
-    com_m=(0.012, -0.008, 0.055),
-    bias_force_N=(1.5, -2.0, 3.0),
-    bias_torque_Nm=(0.05, -0.04, 0.03),
-)  # of the sim
 FEW = {"poses": 6, "verify_poses": 1}
 
 
@@ -45,53 +34,6 @@ def driven(
 ) -> tuple[CalibrationWizard, int | None]:
     """Run the wizard to its end; return it with its exit code."""
     return drive(lab.client, plan or lab.plan(**FEW), lab.notes)
-
-
-def mean_residual(payload: Payload, count: int = 200) -> tuple[float, float]:
-    """Return the mean error of a payload over random attitudes, from the simulated truth."""
-    rng = np.random.default_rng(7)
-    R = np.array([R_from_quaternion(q) for q in rng.normal(size=(count, 4))])
-    apart = [
-        found - true for found, true in zip(predict(payload, R), predict(TRUTH, R), strict=True)
-    ]
-    force, torque = (float(np.linalg.norm(error, axis=1).mean()) for error in apart)
-    return force, torque
-
-
-def test_a_complete_run_identifies_the_payload_and_returns_to_its_start(tmp_path):
-    """Ten poses with sensor noise leave 0.02 N and 1 mN m; state and pose are the initial ones."""
-    lab = CalibrationLab()
-    wizard = lab.wizard(lab.plan(poses=10, verify_poses=2, dwell_s=0.5))
-    wizard.run()
-
-    evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
-    found = findings_of(lab.cell, evidence, VerificationBounds())
-    force_N, torque_Nm = mean_residual(found.section.payload)
-    assert force_N <= 0.02
-    assert torque_Nm <= 0.001
-    assert found.verdict.passed
-    assert found.section.fit.poses == 10
-    assert found.section.verified is not None
-    assert found.section.verified.poses == 2
-    assert found.report["rejected"] == []
-    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
-    assert status_of(lab).state == "IDLE"
-    assert lab.notes.shares == sorted(lab.notes.shares)
-    assert lab.notes.shares[-1] > 0.95
-    assert lab.notes.lines == [
-        "armed for jog: moves may begin, force feedback may not (lease 1)",
-        "the arm has returned to its start",
-    ]
-
-
-@pytest.mark.long
-def test_a_cell_that_was_armed_stays_armed():
-    """The wizard keeps an existing arming; a payload of zeros is accepted."""
-    lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
-    assert lab.bus.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
-    _, ended = driven(lab, lab.plan(**FEW))
-    assert ended is None
-    assert status_of(lab).state == "ARMED"
 
 
 def test_without_a_calibration_contact_is_detected_by_lifting():
@@ -140,92 +82,80 @@ def assert_rests(lab: CalibrationLab) -> None:
     assert lab.world.arm.q_command == pytest.approx(q, abs=1e-9)
 
 
-def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
-    """A force of 2 N at one pose of eight: that pose is rejected, the others are valid."""
-    lab = CalibrationLab()
-    arm = lab.world.arm
-
-    def push(force_N: float) -> None:
-        arm.data.xfrc_applied[arm.model.body("tool").id][:3] = [force_N, 0.0, force_N]
-
-    lab.notes.at("pose 4 of 8: waiting", lambda: push(2.0))
-    lab.notes.at("pose 5 of 8: moving", lambda: push(0.0))
-    wizard, ended = driven(lab, lab.plan(poses=8, verify_poses=1))
-    assert ended is None
-    evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
-    found = findings_of(lab.cell, evidence, VerificationBounds())
-    assert [rows["reason"] for rows in found.report["rejected"]] == ["in contact, or touched"]
-    assert found.section.fit.poses == 7
-    assert found.verdict.passed
+@pytest.fixture
+def lab() -> CalibrationLab:
+    """A cell at home that is not armed."""
+    return CalibrationLab()
 
 
-def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
-    """An interruption during a move: the arm brakes, and earlier readings are kept."""
-    lab = CalibrationLab()
-
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    lab.notes.at("pose 2 of 6: moving", interrupt)
-    wizard, ended = driven(lab)
-    assert ended == INTERRUPTED
-    assert len(wizard.dwells) == 1
-    assert (
-        "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
-        in lab.notes.lines[-1]
-    )
-    assert status_of(lab).state == "HOLDING"
-    assert_rests(lab)
+@pytest.fixture
+def gatherer(lab: CalibrationLab) -> Gatherer:
+    """A client of that cell that has received messages."""
+    found = Gatherer(lab.client)
+    found.until_received()
+    return found
 
 
-def test_a_cell_without_sensor_readings_is_refused_before_anything_moves():
-    """Without a sensor nothing is armed, so no hold is needed."""
-    lab = CalibrationLab()
-    plan = lab.plan(**FEW)
-    lab.world.arm.ft_sensor.disturb = lambda sample: None
+def no_watch(_what: str) -> None:
+    """Ignore the progress."""
+
+
+def test_a_dwell_holds_each_good_reading_once(lab: CalibrationLab, gatherer: Gatherer) -> None:
+    """Half a second at 250 Hz, at the place of the sensor; the wrench is moved to its origin."""
+    tool = lab.world.arm.model.body("tool").id
+    lab.world.arm.data.xfrc_applied[tool][0] = 5.0
     lab.world.advance(0.5)
-    _, ended = driven(lab, plan)
-    assert ended == 1
-    assert lab.notes.lines == ["no reading within 2 s: sensor/wrench missing; nothing was moved"]
-    assert status_of(lab).state == "IDLE"
-    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
+    dwell = gatherer.dwell("fit", 0.5, no_watch)
+    assert len(dwell) == 125
+    assert np.diff(dwell.time_s) == pytest.approx(np.full(124, 0.004))
+    assert len(np.unique(dwell.force_N, axis=0)) > 100
+    T_sensor = lab.world.arm.T_base_flange * lab.cell.sensor.T_flange_sensor.pose
+    T_tcp = lab.world.arm.T_base_tcp
+    assert dwell.position_m[0] == pytest.approx(T_sensor.translation, abs=1e-6)
+    assert dwell.attitude == pytest.approx(T_sensor.rotation, abs=1e-6)
+    wrench = lab.bus.reader(topics.WRENCH)
+    lab.world.advance(0.1)
+    at_tcp = wrench.read(lab.world.clock.now_ns()).message
+    assert at_tcp is not None
+    lever = np.cross(T_tcp.translation - T_sensor.translation, at_tcp.force_N)
+    assert np.linalg.norm(lever) > 0.5
+    assert dwell.residual_N == pytest.approx(np.array(at_tcp.force_N), abs=0.2)
+    assert dwell.residual_Nm == pytest.approx(at_tcp.torque_Nm + lever, abs=0.05)
+    assert gatherer.active_calibration == at_tcp.calibration
 
 
-def test_an_arm_in_use_by_another_client_is_not_moved():
-    """Neither a hold nor force feedback is replaced by a calibration."""
-    lab = CalibrationLab()
-    plan = lab.plan(**FEW)
-    lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
-    lab.world.advance(0.2)
-    _, ended = driven(lab, plan)
-    assert ended == 3
-    assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
-    for request, message in (
-        (topics.CLEAR, Empty()),
-        (topics.TARE, Empty()),
-        (topics.ARM, ArmRequest()),
-        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
-    ):
-        assert lab.bus.ask(request, message).accepted
-        lab.world.advance(0.2)
-    _, ended = driven(lab, plan)
-    assert ended == 3
-    assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
-    assert status_of(lab).commander == "regulator"
+def test_a_dwell_begins_when_arm_and_force_are_still(
+    lab: CalibrationLab, gatherer: Gatherer
+) -> None:
+    """After the end of the motion and the settling of the force; else one sentence says why."""
+    arm = lab.world.arm
+    assert lab.bus.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
+    move = MoveRequest(kind="by", joint_rad=(0.2, 0.0, 0.0, 0.0, 0.0, 0.0), speed_m_s=0.3)
+    assert lab.bus.ask(topics.MOVE, move).accepted
+    waits: list[str] = []
+    gatherer.dwell("fit", 0.3, waits.append)
+    assert any("the arm to rest" in text for text in waits)
+    assert waits[-1] == "reading"
+    assert arm.q[0] == pytest.approx(0.2, abs=1e-3)
+    rising_N = np.array([0.0, 0.0, 4.0])
+
+    def disturb(sample: FtSample) -> FtSample:
+        return replace(sample, force_N=sample.force_N + arm.time_s * rising_N)
+
+    arm.ft_sensor.disturb = disturb
+    began_s = arm.time_s
+    with pytest.raises(CalibrationError, match="waiting for a steady force"):
+        gatherer.dwell("fit", 0.3, no_watch)
+    assert arm.time_s - began_s == pytest.approx(STILL_WITHIN_S, abs=0.2)
 
 
-@pytest.mark.long
-def test_a_pose_that_the_controller_refuses_is_replaced():
-    """Over the gateway: the controller's joint limit is narrower than that of the cell file."""
-    cell = load_cell(DEMO.with_name("demo-tcp.yaml"))
-    lab = CalibrationLab(cell)
-    lab.world.advance(0.8)  # the gateway greets the controller first
-    plan = lab.plan(**FEW, speed_m_s=0.25)
-    farthest = max(plan.fit, key=lambda place: abs(plan.q[place][5]))
-    arm = lab.world.arm.kinematics
-    arm.lower_rad[5], arm.upper_rad[5] = np.array([-1.0, 1.0]) * (abs(plan.q[farthest][5]) - 1e-3)
-    wizard, ended = driven(lab, plan)
-    assert ended is None, lab.notes.lines
-    assert len(dwells_of_purpose(wizard.dwells, "fit")) == 6
-    assert farthest in wizard.plan.refused
-    assert any("the controller refused the target" in line for line in lab.notes.lines)
+def test_a_fault_while_reading_is_read_again(lab: CalibrationLab, gatherer: Gatherer) -> None:
+    """After a short fault the whole dwell is repeated, once; the error has the sensor's reason."""
+    arm, began_s = lab.world.arm, lab.world.arm.time_s
+    lost_s, found_s = began_s + 0.7, began_s + 0.9  # longer than deadlines.sensor_s
+    arm.ft_sensor.disturb = lambda x: None if lost_s < arm.time_s < found_s else x
+    assert len(gatherer.dwell("fit", 0.5, no_watch)) == 125
+    assert arm.time_s > found_s + 0.5
+    arm.ft_sensor.disturb = lambda x: None if arm.time_s % 0.8 > 0.6 else x
+    with pytest.raises(CalibrationError, match=r"failed twice: .*sensor/wrench stale"):
+        gatherer.dwell("fit", 1.0, no_watch)

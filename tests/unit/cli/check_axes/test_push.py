@@ -1,6 +1,8 @@
-"""Guided push test in a virtual cell: a scripted person follows the prompts."""
+"""`forcemesh check axes`: a scripted person follows the prompts; a recording is judged."""
 
+import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from identification.installation.axis_fit import SIGNED
 from identification.installation.terms import ExpectedInstallation
 from launch.virtual_cell import VirtualCell
 from sim.robot.ft_sensor import FtSample
-from tests.fakes.bench import CELL, HALF_CELL
+from tests.fakes import verb_calls
+from tests.fakes.bench import CELL, DEMO, HALF_CELL
+from tests.fakes.installations import recorded
 
 NS_PER_S = 1e9
 BEGIN_S, END_S = 0.4, 1.2  # after the prompt
@@ -108,27 +112,6 @@ def test_correct_pushes_confirm_a_correct_wiring(cell) -> None:
     assert not cell.arm.moving
 
 
-@pytest.mark.parametrize("number", [18])
-@pytest.mark.long
-def test_a_wrong_wiring_is_reported_after_two_pushes(cell, number) -> None:
-    """A reading that is not along the push is requested once more, then accepted."""
-    person = Person(cell, SIGNED[number])
-    found = pushed(cell, person)
-    assert found.verdict == "wrong"
-    assert found.findings[0].remedy
-    wrong = [note for note in person.notes if note.endswith("not along it")]
-    assert len(wrong) >= 2
-
-
-def test_implausible_pushes_leave_the_unit_in_doubt(cell) -> None:
-    """About 10 N were requested and 98 N measured; in kgf it reads 1, which is no push."""
-    with pytest.raises(CalibrationError, match="unit is too large"):
-        pushed(cell, Person(cell, SIGNED[0] / 9.80665))
-    found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
-    assert found.verdict == "cannot tell"
-    assert "about 10 N were requested" in found.findings[0].text
-
-
 def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:
     """It is refused at once, with the command that ends the arming."""
     test = PushTest(client_of(cell), Person(cell))
@@ -136,3 +119,34 @@ def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:
     cell.advance(0.1)
     with pytest.raises(CalibrationError, match="forcemesh hold"):
         test.run(ExpectedInstallation.of(CELL))
+
+
+run = partial(verb_calls.run, "check", "axes", "--cell", DEMO)
+
+
+@pytest.mark.parametrize("axes", ["sensor", "base"])
+def test_a_right_recording_ends_with_zero(tmp_path, axes) -> None:
+    """The axes of the recording are identified and printed."""
+    result = run("--from", recorded(tmp_path / "a.csv", wrench_axes=axes))
+    assert result.exit_code == 0, result.output
+    assert "right: axes, signs and units are those of the cell file" in result.stdout
+    assert f"in {axes} axes" in result.stdout
+
+
+def test_a_wrong_recording_gives_the_finding_and_the_remedy(tmp_path) -> None:
+    """Exit code 1, the finding, and the remedy below it."""
+    result = run("--from", recorded(tmp_path / "a.csv", SIGNED[2]))
+    assert result.exit_code == 1
+    assert "Fy shows -y" in result.stdout
+    assert "-> in the driver or the adapter: remap Fy = -Fy" in result.stdout
+
+
+def test_json_is_one_object_with_the_numbers(tmp_path) -> None:
+    """Verdict, findings with code and remedy, wiring, evidence."""
+    result = run("--from", recorded(tmp_path / "a.csv", SIGNED[18]), "--json")
+    tree = json.loads(result.stdout)
+    assert tree["verdict"] == "wrong"
+    assert tree["findings"][0]["code"] == "mounting"
+    assert tree["findings"][0]["remedy"].startswith("write sensor.T_flange_sensor.oat_deg: [")
+    assert tree["force_channels_show"] == SIGNED[18].tolist()
+    assert tree["evidence"]["poses"] == 8

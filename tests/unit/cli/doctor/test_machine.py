@@ -1,15 +1,17 @@
-"""Checks of `forcemesh doctor` on this PC and the sensor: findings with their remedies."""
+"""Checks of `forcemesh doctor` on this PC, its cores and the sensor, with their remedies."""
 
 import datetime as dt
+import multiprocessing as mp
+import os
 import socket
 import threading
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cli.doctor import latency
 from cli.doctor.checks import ReportLine, check_role
+from cli.doctor.latency import CoreLatency, LatencyCause, check_latency, latency_lines
 from cli.doctor.machine import (
     ReceivedStream,
     check_calibration,
@@ -20,22 +22,17 @@ from cli.doctor.machine import (
     check_processor,
     check_stream_of,
     check_versions,
-    is_local,
     listen,
-    machine_lines,
-    realtime_limit,
     sensor_line,
 )
 from cli.doctor.remedies import REMEDIES
-from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.config.payload import Payload
 from forcemesh.bus import Reading
 from forcemesh.messages import Health
-from services.sensor import driver_registry
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
+from tests.unit.common.config.test_calibration import calibration
 
 CELLS = DEMO.parent
 NETFT = load_cell(CELLS / "demo-netft.yaml")
@@ -44,23 +41,16 @@ NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
 GOOD = RdtRecord(1, 1, 0, (0,) * 6)
 
 
-def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
-    """Return the cell with a calibration of this age in days."""
-    residuals = Residuals(
-        poses=8, force_mean_N=0.1, force_max_N=0.2, torque_mean_Nm=0.01, torque_max_Nm=0.02
-    )
+def calibrated(days: int, **changes: Any) -> CellConfig:
+    """Return the real cell with a calibration of this age in days."""
     found: dict[str, Any] = {
-        "cell": cell.cell,
+        "cell": REAL.cell,
         "made_at": NOW - dt.timedelta(days=days),
-        "method": "arm",
-        "tool": cell.tool.name,
-        "T_flange_tcp": cell.tool.T_flange_tcp,
-        "T_flange_sensor": cell.sensor.T_flange_sensor,
-        "fit": residuals,
-        "verified": residuals,
-        "payload": Payload(mass_kg=0.5, com_m=(0.0, 0.0, 0.05)),
+        "tool": REAL.tool.name,
+        "T_flange_tcp": REAL.tool.T_flange_tcp,
+        "T_flange_sensor": REAL.sensor.T_flange_sensor,
     }
-    return cell.model_copy(update={"calibration": CalibrationSection(**(found | changes))})
+    return REAL.model_copy(update={"calibration": calibration(**(found | changes))})
 
 
 def using(**shares: float) -> dict[str, Health]:
@@ -106,10 +96,10 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (check_calibration(REAL, NOW), "FAIL", "calibration"),
     (check_calibration(none(REAL), NOW), "WARN", "calibration"),
     (check_calibration(CELL, NOW), "PASS", ""),
-    (check_calibration(calibrated(REAL, 3), NOW), "PASS", ""),
-    (check_calibration(calibrated(REAL, 400), NOW), "WARN", "calibration.old"),
-    (check_calibration(calibrated(REAL, 3, tool="another"), NOW), "FAIL", "calibration"),
-    (check_calibration(calibrated(REAL, 3, verified=None), NOW), "FAIL", "calibration"),
+    (check_calibration(calibrated(3), NOW), "PASS", ""),
+    (check_calibration(calibrated(400), NOW), "WARN", "calibration.old"),
+    (check_calibration(calibrated(3, tool="another"), NOW), "FAIL", "calibration"),
+    (check_calibration(calibrated(3, verified=None), NOW), "FAIL", "calibration"),
     (check_role("wrench", OLD, ""), "FAIL", "role.version"),
     (sensor_line(CELL, is_up=False), "SKIP", ""),  # simulated
     (sensor_line(NETFT, is_up=True), "SKIP", ""),  # the cell uses its only stream
@@ -140,68 +130,73 @@ def test_each_finding_has_its_result_and_its_remedy(
 
 
 @pytest.mark.realtime
-def test_a_listener_on_the_port_of_the_hub_is_detected() -> None:
-    """The check binds the port, without contacting any process."""
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
-        cell = load_cell(CELLS / "demo.yaml", {"bus.endpoint": where})
-        words = {line.check: line.result for line in machine_lines(cell, is_up=False)}
-    assert list(words) == ["versions", "clock", "real-time priority", "ports", "calibration"]
-    assert words["ports"] == "FAIL"
-    assert is_local("127.0.0.1")
-    assert not is_local("labpc.example")
-
-
-def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The sensor of a driver that is not ours is not opened; the text lists what is installed."""
-    cell = load_cell(CELLS / "rs007l-real.yaml", {"sensor.driver": "ftx"})
-    line = sensor_line(cell, is_up=False)
-    assert (line.result, line.remedy) == ("FAIL", REMEDIES["sensor.driver"])
-    assert "'ftx' is not installed here, installed: bota, rdt, robotiq" in line.found
-    monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
-    line = sensor_line(cell, is_up=False)
-    assert (line.result, line.found) == ("PASS", "ftx: installed; the sensor was not opened")
-
-
-@pytest.fixture
-def netft() -> Iterator[tuple[int, list[int]]]:
-    """The port of a sensor that sends twenty records on request, and its received commands."""
+def test_the_sensor_is_started_and_stopped() -> None:
+    """It must not continue to send to a closed port."""
     commands: list[int] = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
-        server.bind(("127.0.0.1", 0))
-        server.settimeout(20.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
+        sensor.bind(("127.0.0.1", 0))
+        sensor.settimeout(20.0)
 
         def serve() -> None:
             for _ in range(2):
-                data, peer = server.recvfrom(64)
+                data, peer = sensor.recvfrom(64)
                 commands.append(REQUEST.unpack(data)[1])
-                if commands[-1] == RdtCommand.START:
-                    for number in range(20):
-                        server.sendto(RECORD.pack(number, number, 0, *[0] * 6), peer)
+                for number in range(20 if commands == [RdtCommand.START] else 0):
+                    sensor.sendto(RECORD.pack(number, number, 0, *[0] * 6), peer)
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield server.getsockname()[1], commands
+        found = listen("127.0.0.1", sensor.getsockname()[1], 0.5)
         thread.join()
-        assert commands == [RdtCommand.START, RdtCommand.STOP]
+    assert (found.records, found.newest is not None) == (20, True)
+    assert commands == [RdtCommand.START, RdtCommand.STOP]
+
+
+PERIOD_S, DEADLINE_S = 0.004, 0.02
+
+
+def line_of(
+    longest_s: float, *, cause: LatencyCause = "the core", is_realtime: bool = True
+) -> ReportLine:
+    """Return the line on a core whose longest latency this was."""
+    late_s = (*[50e-6] * 999, longest_s)
+    found = CoreLatency(3, late_s, is_realtime, cause)
+    return check_latency(found, period_s=PERIOD_S, deadline_s=DEADLINE_S)
+
+
+@pytest.mark.parametrize(
+    ("longest_s", "result"),
+    [(0.0039, "PASS"), (0.0041, "WARN"), (0.0199, "WARN"), (0.0201, "FAIL")],
+)
+def test_a_core_is_judged_by_its_longest_latency(longest_s: float, result: str) -> None:
+    """Within a control period nothing is lost; beyond a deadline the arm holds."""
+    line = line_of(longest_s)
+    assert (line.check, line.result) == ("latency, core 3", result)
+    assert f"{1e6 * longest_s:.0f} at most" in line.found
+    assert line.remedy == ("" if result == "PASS" else REMEDIES["latency"])
+    assert "1000 wake-ups with SCHED_FIFO 20: 50 us late at the median" in line.found
+    assert "with ordinary priority" in line_of(longest_s, is_realtime=False).found
+    assert ("the core itself did not run" in line.found) == (result != "PASS")
+    other = line_of(longest_s, cause="other work").found
+    assert ("other work on this core" in other) == (result != "PASS")
 
 
 @pytest.mark.realtime
-def test_the_sensor_is_started_and_stopped(netft: tuple[int, list[int]]) -> None:
-    """It must not continue to send to a closed port."""
-    port, _ = netft
-    found = listen("127.0.0.1", port, 0.5)
-    assert (found.records, found.newest is not None) == (20, True)
+@pytest.mark.processes
+def test_each_core_is_measured_in_a_process_of_its_own() -> None:
+    """One line for each core that this process may use; nearly every millisecond is measured."""
+    lines = latency_lines(CELL, 0.3)
+    cores = sorted(os.sched_getaffinity(0))
+    assert [line.check for line in lines] == [f"latency, core {core}" for core in cores]
+    assert all(1 <= int(line.found.split()[0]) <= 301 for line in lines)
 
 
-@pytest.mark.parametrize(("runtime", "limit"), [("950000", 0.95), ("-1", 1.0), ("", 1.0)])
-def test_the_kernels_limit_for_real_time_is_read(
-    tmp_path: Path, runtime: str, limit: float
-) -> None:
-    """Minus one means that there is none."""
-    (tmp_path / "sched_rt_runtime_us").write_text(runtime)
-    (tmp_path / "sched_rt_period_us").write_text("1000000")
-    assert realtime_limit(tmp_path) == limit
-    assert realtime_limit(tmp_path / "elsewhere") == 1.0
+def measured(duration_s: float) -> CoreLatency:
+    """Measure one core in a thread of this process, which keeps its affinity and priority."""
+    receiver, sender = mp.Pipe(duplex=False)
+    core = min(os.sched_getaffinity(0))
+    thread = threading.Thread(target=latency._measure, args=(core, duration_s, sender))
+    thread.start()
+    found = receiver.recv()
+    thread.join()
+    return found

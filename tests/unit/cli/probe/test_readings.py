@@ -1,11 +1,19 @@
-"""Replies of the probe program as values, and what a trace shows."""
+"""Replies of the probe program as values, what a trace shows, and the fingerprint: never a guess.
+
+Order, search and permission: tests/unit/controller/test_fmprobe_as.py, on the emulated controller.
+"""
+
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.probe.readings import ProbeReadings, duration_s, ramp_s, trace_of
+from cli.probe.fingerprint import fingerprint
+from cli.probe.readings import ProbeReadings, trace_of
+from cli.probe.stages import Found
+from common.config.probe import ProbeFile
 
 TRAVEL_MM, SPEED_MM_S = 5.0, 10.0
 
@@ -29,17 +37,6 @@ def samples(delay_s: float, lag_s: float, ramp: float) -> list[tuple[float, floa
     return list(zip(t[::41].tolist(), arm[::41].tolist(), strict=True))
 
 
-# --- replies --------------------------------------------------------------------------------------
-
-
-@given(st.floats(-1e6, 1e6, allow_nan=False), st.sampled_from(["mspeed", "switch.cp", "a.b_s"]))
-def test_a_value_survives_the_line(value: float, name: str) -> None:
-    """As AS prints a number: eight digits."""
-    found = ProbeReadings.of([f"{name}  {value:.8g}"])
-    assert found.get(name) == pytest.approx(value, rel=1e-7, abs=1e-9)
-    assert not found.malformed
-
-
 def test_a_line_of_each_kind_is_read() -> None:
     """Values, refused steps, lines with their expected values, samples."""
     found = ProbeReadings.of([
@@ -57,18 +54,6 @@ def test_a_line_of_each_kind_is_read() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["a", "a b", "", "s 1", "line.x", "line.x 1 y", "b ? x", "a 1 2", "b ?", "line.x 1 ?",
-     "b ? inf", "a nan", "a inf", "s 1 nan", "line.x 1 inf"],
-)  # fmt: skip
-def test_a_line_that_is_no_result_is_kept_as_malformed(line: str) -> None:
-    """It gives no value and no error."""
-    found = ProbeReadings.of([line, "a 1"])
-    assert found.malformed == [line]
-    assert found.numbers == {"a": [1.0]}
-
-
 # --- traces ---------------------------------------------------------------------------------------
 
 
@@ -84,23 +69,68 @@ def test_delay_and_lag_come_back_from_a_trace(delay_s: float, lag: float, ramp: 
     assert found_s == pytest.approx(lag, rel=0.06, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    "given_samples",
-    [[], [(0.0, 2.0)] * 3, [(0.1 * k, 3.5 - 0.1 * k) for k in range(20)]],
-    ids=["none", "few", "backwards"],
-)
-def test_a_trace_that_shows_no_motion_gives_nothing(
-    given_samples: list[tuple[float, float]],
-) -> None:
-    """Too few samples in the middle, or an arm that moves in the other direction."""
-    assert trace_of(given_samples, TRAVEL_MM) is None
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-@given(st.floats(0.001, 0.5), st.floats(2.0, 20.0))
-def test_the_ramp_comes_back_from_two_motions(ramp: float, slower: float) -> None:
-    """Also where the speed is not reached."""
-    longer_s = duration_s(TRAVEL_MM, SPEED_MM_S, slower * ramp) - duration_s(
-        TRAVEL_MM, SPEED_MM_S, ramp
+def readings(**values: float) -> ProbeReadings:
+    """Return a reply; a double underscore stands for a dot."""
+    return ProbeReadings(
+        numbers={name.replace("__", "."): [value] for name, value in values.items()}
     )
-    found = ramp_s(TRAVEL_MM, SPEED_MM_S, slower=slower, later_s=0.5 * longer_s)
-    assert found == pytest.approx(ramp, rel=1e-6)
+
+
+def file_of(found: Found) -> ProbeFile:
+    """Return the fingerprint."""
+    return fingerprint(found, now=NOW, controller="F60", address="h:1")
+
+
+@pytest.mark.parametrize("stages", [[], ["a"], ["a", "b"], ["a", "b", "c"]])
+def test_what_was_not_measured_is_null_with_a_reason(stages: list[str]) -> None:
+    """And in neither section that others read."""
+    file = file_of(Found(stages))
+    assert file.behaviour == {}
+    assert not file.robot.model_dump(exclude_none=True)
+    assert not file.gateway.model_dump(exclude_none=True)
+    assert all(result.value is None and result.why for result in file.results.values())
+    assert (file.measured_at, file.controller, file.address) == (NOW, "F60", "h:1")
+    reasons = {result.why for result in file.results.values()}
+    assert ("stage c was not run to its end" in reasons) is ("c" not in stages)
+
+
+SAME_TURNS = {
+    f"joint {unit} {number}": readings(joint__took_s=0.4)
+    for unit in ("%", "mm/s") for number in (1, 2)
+}  # fmt: skip
+LATER = {"gap__moved": 1.0, "gap__idle_s": 0.02, "gap__first_s": 0.52}
+
+
+@pytest.mark.parametrize(
+    ("found", "name", "why"),
+    [
+        (Found(segments=[(0.04, 0, 0.04), (0.03, 0, 0.03)]), "least_segment_s",
+         "no E1117 down to 0.0300 s"),
+        (Found(segments=[(0.1, -31117, 0.1)]), "least_segment_s", "already at 0.1 s"),
+        (Found(segments=[(0.08, -36007, 0.08)]), "least_segment_s", "the error -36007"),
+        (Found(), "least_segment_s", "no series"),
+        (Found(motion={"ahead": readings(ahead=0.0)}), "motions_ahead", ""),
+        (Found(motion={"first": readings(**LATER)}), "planning_stall_s", "EXECUTE fp.main again"),
+        (Found(motion={"brake": readings(brake__done=1.0, brake__mm=5.0)}),
+         "brake_keeps_prefetched", ""),  # it came to the end without it
+        (Found(motion=SAME_TURNS), "joint6_full_deg_s", "the durations of the turns do not differ"),
+        (Found(wire=readings(stopped=-30999.0)), "pc_error_stops_robot", ""),
+        (Found(wire=readings(flood__longest_s=0.2)), "send_ignores_timeout", ""),
+        (Found(still=readings(timer__least_s=0.004, timer__reads=1000.0, timer__equal=10.0)),
+         "timer_grain_s", "finer than one step"),
+    ],
+)  # fmt: skip
+def test_a_reading_that_shows_no_value_is_null_with_its_reason(
+    found: Found, name: str, why: str
+) -> None:
+    """And in no section that others read."""
+    found.stages = ["a", "b", "c"]
+    file = file_of(found)
+    results = file.results
+    result = results.get(f"behaviour.{name}") or results[f"motion.{name}"]
+    assert result.value is None
+    assert why in result.why
+    assert name not in file.behaviour

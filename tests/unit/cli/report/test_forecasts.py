@@ -1,32 +1,25 @@
 """Presses of a recording, with the forecast of each beside what was measured."""
 
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from cli.report.data import ReportContent, StopEvent
-from cli.report.forecasts import (
-    PressForce,
-    PressRow,
-    forecast_rows,
-    lines_of,
-    measured_press,
-    moving_mean,
-    presses_of,
-    rows_of,
-    section_of,
-)
+from cli.report.forecasts import PressForce, measured_press, presses_of, rows_of
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.faults import tripped
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply, ServedRequest
-from services.recorder.reading import RecordedFile
-from tests.fakes import verb_calls
+from forcemesh.requests import (
+    ArmRequest,
+    Empty,
+    ForceStartRequest,
+    Reply,
+    ServedRequest,
+)
 from tests.fakes.bench import CELL
-from tests.fakes.recorded_cell import Job, recorded_from_start
-from tuning.force_map import Interval
+from tests.fakes.recorded_cell import Job, recorded
+from tests.fakes.verb_calls import run
 
 SETPOINT_N = 15.0
 START = '{"mode": "position", "host": "pc", "setpoint_N": 15.0, "law": "plain"}'
@@ -61,38 +54,17 @@ def approach(t_s: Array, final_N: float = SETPOINT_N, tau_s: float = 0.1) -> Arr
 
 def test_a_report_of_our_own_recording_has_forecast_and_measured(tmp_path: Path) -> None:
     """The whole chain in virtual time: both rows are as forecast."""
-    recording = recorded_from_start(tmp_path, JOB)
     page = tmp_path / "page.html"
-    done = verb_calls.run("report", recording, "--no-3d", "-o", page)
+    done = run("report", recorded(tmp_path, JOB), "--no-3d", "-o", page)
     settles, peak = (line for line in done.stdout.splitlines() if line.startswith("press at"))
     assert "settles after touch: forecast 0." in settles
     assert settles.endswith("(as forecast)")
     assert peak.endswith("(as forecast)")
-    text = page.read_text(encoding="utf-8")
-    assert "Forecast and measured" in text
-    assert "as forecast" in text
-
-
-@pytest.mark.parametrize(
-    ("payload", "accepted"),
-    [
-        (START, False),
-        ('{"setpoint_N": 0.0}', True),
-        ('{"setpoint_N": 15.0, "task": {"axes": []}}', True),
-        ("ff00", True),
-        ("[1]", True),
-    ],
-)
-def test_what_is_no_press_has_no_forecast(payload: str, accepted: bool) -> None:
-    """Refused, without a set point, a task, and what cannot be decoded."""
-    request = served(topics.FORCE_START.key, payload, accepted=accepted)
-    content, unread = content_of((1.0, request)), cast("RecordedFile", None)
-    assert forecast_rows(unread, CELL, content) == []
-    assert str(section_of([])) == ""
+    assert "Forecast and measured" in page.read_text(encoding="utf-8")
 
 
 def test_a_press_ends_with_the_next_request_a_stop_or_the_recording() -> None:
-    """Whichever is first; its path begins within it."""
+    """Whichever is first; its path begins within it. A refused one is none, nor is one of 0 N."""
     start = served(topics.FORCE_START.key, START)
     (alone,) = presses_of(content_of((1.0, start)))
     assert (alone.at_s, alone.end_s, alone.path_s, alone.feed_m_s) == (1.0, 20.0, None, 0.02)
@@ -101,12 +73,10 @@ def test_a_press_ends_with_the_next_request_a_stop_or_the_recording() -> None:
     path, end = served(topics.FORCE_PATH.key, PATH), served(topics.FORCE_STOP.key)
     (fed,) = presses_of(content_of((1.0, start), (3.0, path), (6.0, end), (7.0, path)))
     assert (fed.end_s, fed.path_s, fed.feed_m_s) == (6.0, 3.0, 0.03)
-    poses = served(topics.FORCE_PATH.key, '{"poses": [{}]}')
-    (over,) = presses_of(content_of((1.0, start), (2.0, poses)))
-    assert (over.path_s, over.feed_m_s) == (2.0, 0.02)
-    first, second = presses_of(content_of((1.0, start), (5.0, start), stop_s=0.5))
-    assert (first.end_s, second.end_s) == (5.0, 20.0)
     assert fed.request == ForceStartRequest(setpoint_N=15.0, law="plain")
+    refused = served(topics.FORCE_START.key, START, accepted=False)
+    for request in (refused, *(served(topics.FORCE_START.key, p) for p in ("ff00", "[1]", "{}"))):
+        assert list(presses_of(content_of((1.0, request)))) == []
 
 
 def test_settling_and_peak_are_counted_from_the_first_touch() -> None:
@@ -115,69 +85,18 @@ def test_settling_and_peak_are_counted_from_the_first_touch() -> None:
     settling_s, peak_N = measured_press(t_s, approach(t_s), SETPOINT_N)
     assert settling_s == pytest.approx(0.1 * np.log(15.0) - 0.1 * np.log(15.0 / 14.0), abs=0.004)
     assert peak_N == pytest.approx(SETPOINT_N, abs=0.01)
-
-
-@pytest.mark.parametrize(("final_N", "peak_N"), [(0.5, None), (9.0, 9.0)])
-def test_a_press_that_does_not_settle_has_no_settling(final_N: float, peak_N: float | None) -> None:
-    """Without a touch there is no peak either."""
-    t_s = np.arange(0.0, 3.0, 0.002)
-    found = measured_press(t_s, approach(t_s, final_N), SETPOINT_N)
-    assert found == (None, peak_N if peak_N is None else pytest.approx(peak_N, abs=0.01))
-
-
-def rows(force: Array, t_s: Array, payload: str = START, path_s: float | None = None) -> Any:
-    """Return the rows of a press with a force."""
-    requests = [(0.0, served(topics.FORCE_START.key, payload))]
-    if path_s is not None:
-        requests.append((path_s, served(topics.FORCE_PATH.key, PATH)))
-    (press,) = presses_of(content_of(*requests))
-    return list(rows_of(CELL, press, PressForce(list(t_s), list(force))))
+    assert measured_press(t_s, approach(t_s, 0.5), SETPOINT_N) == (None, None)
 
 
 def test_the_error_on_a_path_is_judged_by_the_upper_end() -> None:
     """A flat surface has no error of following."""
     t_s = np.arange(0.0, 6.0, 0.002)
-    settles, peak, fed = rows(approach(t_s) + 0.5 * (t_s > 3.5), t_s, path_s=3.0)
+    start, path = served(topics.FORCE_START.key, START), served(topics.FORCE_PATH.key, PATH)
+    (press,) = presses_of(content_of((0.0, start), (3.0, path)))
+    force_N = approach(t_s) + 0.5 * (t_s > 3.5)
+    settles, peak, fed = rows_of(CELL, press, PressForce(list(t_s), list(force_N)))
     assert fed.quantity == "error at 30 mm/s (slope up to 10 degrees)"
     assert fed.measured == pytest.approx(0.5, abs=0.01)
     assert fed.texts[-1] == "as forecast"
     assert peak.measured == pytest.approx(SETPOINT_N, abs=0.01)
     assert settles.texts[-1] == "above the forecast"
-
-
-def test_a_press_that_starts_in_contact_has_no_forecast_of_settling() -> None:
-    """A changed set point; the peak is shown."""
-    t_s = np.arange(0.0, 2.0, 0.002)
-    settles, peak = rows(np.full(len(t_s), 15.0), t_s)
-    assert settles.texts[2:] == ("-", "-", "started in contact")
-    assert peak.texts[2:] == ("-", "15 N", "started in contact")
-
-
-def test_a_press_outside_of_the_map_shows_what_was_measured() -> None:
-    """With the reason."""
-    t_s = np.arange(0.0, 3.0, 0.002)
-    payload = START.replace('"position"', '"both"')
-    settles, _, fed = rows(approach(t_s), t_s, payload, path_s=2.5)
-    assert "no forecast for mode both" in settles.texts[-1]
-    assert settles.measured is not None
-    assert fed.forecast is None
-
-
-def test_the_moving_mean_is_of_the_last_samples() -> None:
-    """Of 8 ms; a constant stays."""
-    t_s = np.arange(0.0, 1.0, 0.004)
-    assert moving_mean(t_s, np.full(len(t_s), 3.0)) == pytest.approx(3.0)
-    step = moving_mean(t_s, (t_s >= 0.5).astype(float))
-    assert step[t_s >= 0.512] == pytest.approx(1.0)
-    assert 0.0 < step[np.searchsorted(t_s, 0.5)] < 1.0
-
-
-def test_verdicts_name_the_side() -> None:
-    """Below, within and above; without a forecast or a measurement its remark."""
-    texts = [
-        PressRow(1.0, "peak", "N", Interval(2.0, 4.0), value).texts[-1] for value in (1.0, 3.0, 5.0)
-    ]
-    assert texts == ["below the forecast", "as forecast", "above the forecast"]
-    assert lines_of([PressRow(1.0, "peak", "N", None, 3.0)]) == [
-        "press at 1.00 s, peak: forecast -, measured 3 N"
-    ]

@@ -1,38 +1,37 @@
-"""Verb `report` on logs of other robots: page, summary, JSON, and refusals."""
+"""Verb `report`: logs of other robots as CSV and MCAP, with page, summary and JSON."""
 
 import json
 import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
-from cli.__main__ import app
-from cli.context import OK, USAGE
+from cli.context import OK
+from cli.report.log_mcap import McapTable
+from cli.report.log_table import read_numbers
+from forcemesh.errors import DataError
+from tests.fakes import verb_calls
 from tests.fakes.force_logs import (
     WRENCH_STAMPED,
     first_order,
     noise,
-    press_csv,
-    second_order,
     setpoint_at,
     times,
     wrench_cdr,
     write_csv,
     write_mcap,
 )
-from tools.tree import ROOT
 
-RECORDING = ROOT / "tests" / "corpus" / "recording-version-2.mcap"
 TAU_S = 0.05
 
 
 def run(*words: object) -> tuple[int, str, str]:
     """Run `report`; return exit code, standard output and error."""
-    result = CliRunner().invoke(app, ["report", *(str(word) for word in words)])
-    return result.exit_code, result.stdout, result.stderr
+    done = verb_calls.run("report", *words)
+    return done.exit_code, done.stdout, done.stderr
 
 
 def judged(path: Path, *options: object) -> dict[str, Any]:
@@ -48,7 +47,11 @@ def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None
 
     JSON has the figures: a band in newtons and single samples are options.
     """
-    code, out, error = run(press_csv(tmp_path / "press.csv"))
+    time_s = times()
+    force = 10.0 * first_order(time_s, TAU_S) + noise(len(time_s), 0.02)
+    columns = {"t": time_s, "fx": noise(len(time_s), 0.02, 2), "fz": force}
+    aimed = {"setpoint": setpoint_at(time_s, 10.0)}
+    code, out, error = run(write_csv(tmp_path / "press.csv", columns | aimed))
     assert (code, error) == (OK, "")
     assert out.startswith("press.csv: 5.0 s, 2500 samples, 500 per s; judged: fz [N]\n")
     assert "0\u00a0→\u00a010" in out
@@ -65,126 +68,84 @@ def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None
     assert after["settling_s"] == pytest.approx(TAU_S * math.log(10.0), abs=0.012)
     assert (tree["axis"], tree["unit"], tree["findings"]) == ("fz", "N", [])
     assert tree["band"] == {"value": 1.0, "unit": "N"}
-    assert [column["name"] for column in tree["columns"]] == ["fx", "fy", "fz"]
+    assert [column["name"] for column in tree["columns"]] == ["fx", "fz"]
 
 
-def test_a_log_with_faults_has_them_on_the_page_and_in_the_summary(tmp_path: Path) -> None:
-    """Clipping, an oscillation, a gap, missing values, a dead channel."""
-    time_s = times()
-    force = 20.0 * second_order(time_s, damping=0.3, rad_s=20.0) + noise(2500, 0.05)
-    force += (
-        0.5
-        * setpoint_at(time_s, 1.0)
-        * (time_s > 2.0)
-        * second_order(time_s - 2.0, damping=0.001, rad_s=150.0, at_s=0.0)
-    )
-    rows = [number for number in range(2500) if not 1000 <= number < 1050]
-    columns: dict[str, list[object]] = {
-        "t": [time_s[number] for number in rows],
-        "fx": ["" if number < 3 else 0.25 for number in rows],
-        "fz": [min(force[number], 24.0) for number in rows],
-    }
-    code, out, _ = run(write_csv(tmp_path / "log.csv", columns), "--setpoint", 20)
-    page = (tmp_path / "log.html").read_text(encoding="utf-8")
-    assert code == OK
-    sentences = ("gaps in the samples: 1", "overshoot", "is an oscillation of 23.9 Hz")
-    for sentence in (
-        *sentences,
-        "fx never changes",
-        "fx has no value in 3 rows",
-        "is flat at 24 N",
-    ):
-        assert sentence in out
-        assert sentence in page
+FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
+TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")
+numbers = st.floats(-1e30, 1e30)
 
 
-def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> None:
-    """WrenchStamped of ROS 2, beside another topic; the times of the file are late and uneven."""
-    force = 10.0 * first_order(times(), TAU_S) + noise(2500, 0.02)
-    late = noise(2500, 0.0002) + 0.01
-    wrenches = [
-        (at + delay, wrench_cdr(at, (0.0, 0.0, each, 0.0, 0.0, 0.0), frame="ft"))
-        for at, each, delay in zip(times() + 100.0, force, late, strict=True)
+@given(six=st.tuples(*[numbers] * 6), frame=st.text("abc_", max_size=20), big=st.booleans())
+def test_a_wrench_in_cdr_is_read_to_the_last_digit(
+    six: tuple[float, ...], frame: str, big: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Whatever the length of the frame's name, which moves the alignment, and the byte order.
+
+    A geometry_msgs/Wrench has no stamp: its time is that of the file.
+    """
+    path = tmp_path_factory.mktemp("bag") / "log.mcap"
+    data = wrench_cdr(7.25, six, frame=frame, order=">" if big else "<")
+    write_mcap(path, {("/ft", WRENCH_STAMPED, "cdr"): [(9.0, data)]})
+    found = read_numbers(McapTable(path, None), ("stamp_s", "log_time_s", *FORCES, *TORQUES))
+    assert [found[name][0] for name in (*FORCES, *TORQUES)] == list(six)
+    assert (found["stamp_s"][0], found["log_time_s"][0]) == (7.25, 9.0)
+    bare = data[:4] + data[-48:]
+    write_mcap(path, {("/ft", "geometry_msgs/Wrench", "cdr"): [(9.0, bare)]})
+    table = McapTable(path, None)
+    assert table.time_names == ("log_time_s",)
+    assert read_numbers(table, ("force.z",))["force.z"].tolist() == [six[2]]
+
+
+def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
+    """Times are those of the message's header where it has one; a missing field is missing."""
+    trees = [
+        {"header": {"stamp": {"sec": 5, "nanosec": 500_000_000}}, "wrench": {"force": {"z": 2.0}}},
+        {"header": {"stamp": {"sec": 6, "nanosec": 0}}, "wrench": {"force": {}}, "note": "x"},
     ]
-    topics = {
-        ("/joints", "sensor_msgs/msg/JointState", "cdr"): [(100.0, b"\0" * 8)],
-        ("/ft/wrench", WRENCH_STAMPED, "cdr"): wrenches,
-    }
-    path = write_mcap(tmp_path / "bag.mcap", topics)
-    tree = judged(path, "--setpoint", 10)
-    assert tree["segments"][1]["settling_s"] == pytest.approx(TAU_S * math.log(20.0), abs=0.015)
-    assert tree["notes"][:2] == [
-        "the topic is /ft/wrench, the only one that can be read",
-        "time is column 'stamp_s', by its name",
-    ]
-    assert tree["sampling"]["largest_jitter_s"] < 1e-6
-    assert judged(path, "--time", "log_time_s")["sampling"]["largest_jitter_s"] > 1e-4
-
-
-def test_a_constant_force_has_a_page_without_peaks(tmp_path: Path) -> None:
-    """Its density is zero, which has no logarithm; ten steady samples have no figures."""
-    constant = {"t": times(1.0), "fz": np.full(500, 3.0)}
-    assert run(write_csv(tmp_path / "log.csv", constant))[0] == OK
-    page = (tmp_path / "log.html").read_text(encoding="utf-8")
-    assert "No frequency stands out from the noise." in page
-    aimed = setpoint_at(times(0.04), 1.0, 0.02)
-    short = {"t": times(0.04), "fz": aimed, "setpoint": aimed}
-    assert judged(write_csv(tmp_path / "b.csv", short))["segments"][1]["ripple_rms"] is None
-    assert run(tmp_path / "b.csv")[0] == OK
+    messages = [(float(at), json.dumps(tree).encode()) for at, tree in enumerate(trees, 10)]
+    table = McapTable(write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages}), None)
+    assert table.time_names[0] == "stamp_s"
+    found = read_numbers(table, ("stamp_s", "wrench.force.z"))
+    assert found["stamp_s"].tolist() == [5.5, 6.0]
+    assert found["wrench.force.z"][0] == 2.0
+    assert str(found["wrench.force.z"][1]) == "nan"
+    with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a number within"):
+        read_numbers(table, ("note",))
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("schema", "encoding", "data", "sentence"),
     [
-        (("--band", "wide"), "--band 'wide': must be a positive number with % or a unit"),
-        (("--axis", "f"), "--axis 'f' is no force or torque of the log"),
-        (("-o", "{}"), "is the file that is read: choose another name"),
-        (("-o", "/proc/none"), "/proc/none: cannot be written"),
+        (WRENCH_STAMPED, "ros1", b"", "topic /ft is geometry_msgs/msg/WrenchStamped, ros1 and"),
+        ("foxglove.Pose", "protobuf", b"", "cannot be read: read are JSON and"),
+        ("", "", b"", "topic /ft is no schema, no encoding and cannot be read"),
+        (WRENCH_STAMPED, "cdr", b"\0\1\0\0\0", "message 1 cannot be decoded"),
+        (WRENCH_STAMPED, "cdr", b"\0", "message 1 cannot be decoded: it is shorter"),
+        ("W", "json", b"{", "message 1 cannot be decoded"),
+        ("W", "json", b"{}", "topic /ft has no message with fields"),
     ],
 )
-def test_every_mistake_is_one_sentence(
-    tmp_path: Path, options: tuple[str, ...], sentence: str
+def test_what_cannot_be_read_is_refused_with_its_kind(
+    tmp_path: Path, schema: str, encoding: str, data: bytes, sentence: str
 ) -> None:
-    """With exit code 2, without a page."""
-    path = press_csv(tmp_path / "press.csv")
-    code, out, error = run(path, *(option.replace("{}", str(path)) for option in options))
-    assert (code, out) == (USAGE, "")
-    assert sentence in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "press.html").exists()
+    """And with the conversion."""
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", schema, encoding): [(1.0, data)]})
+    with pytest.raises(DataError, match=r"a\.mcap: ") as raised:
+        McapTable(path, "/ft")
+    assert sentence in str(raised.value)
 
 
-def test_a_recording_keeps_its_report_and_takes_no_columns(tmp_path: Path) -> None:
-    """One of its topics is judged as a log on request."""
-    page = tmp_path / "page.html"
-    code, _, error = run(RECORDING, "--force", "fz", "-o", page)
-    assert code == USAGE
-    assert "--topic judges one of its topics as a log" in error
-    assert run(RECORDING, "--json", "-o", page)[0] == USAGE
-    assert run(RECORDING, "--no-3d", "-o", page)[0] == OK
-    assert "Arbiter states" in page.read_text(encoding="utf-8")
-    forces = "force_N.x,force_N.y,force_N.z"
-    code, out, error = run(RECORDING, "--topic", "wrench", "--force", forces, "-o", page)
-    assert code == OK, error
-    assert "judged: force_N." in out
-
-
-def test_a_file_that_is_neither_is_refused_with_the_kinds(tmp_path: Path) -> None:
-    """By its content where that is known, else by its name."""
-    table = tmp_path / "log.xlsx"
-    table.write_bytes(b"PK\x03\x04")
-    assert "is a spreadsheet or a zip file; save it as CSV" in run(table)[2]
-    code, _, error = run(__file__)
-    assert code == USAGE
-    assert "test_verb.py: not a recording, or truncated; a log of another robot is .csv" in error
-
-
-def test_foreign_text_is_no_markup_on_the_page(tmp_path: Path) -> None:
-    """Names of columns and of the file are escaped."""
-    name = "<script>fz</script>"
-    path = tmp_path / "<b>.csv"
-    write_csv(path, {"t": times(1.0), name: noise(500, 1.0)})
-    assert run(path, "--force", name)[0] == OK
-    page = path.with_suffix(".html").read_text(encoding="utf-8")
-    assert "<script>" not in page
-    assert "&lt;script&gt;fz" in page
+def test_an_unknown_topic_is_refused_and_a_truncated_file_is_read_up_to_its_end(
+    tmp_path: Path,
+) -> None:
+    """The message lists the topics with schema and encoding; the note comes once."""
+    rows = 40_000
+    messages = [(float(k), json.dumps({"t": k, "fz": k}).encode()) for k in range(rows)]
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages})
+    with pytest.raises(DataError, match=r"topic '/f' is missing; the topics are: /ft \(W, json\)"):
+        McapTable(path, "/f")
+    path.write_bytes(path.read_bytes()[:500_000])
+    table = McapTable(path, None)
+    assert 1000 < len(read_numbers(table, ("fz",))["fz"]) < rows
+    assert table.notes == ["the file is truncated: read up to its end"]

@@ -1,21 +1,25 @@
-"""Path of poses by the command line, on a whole cell in virtual time."""
+"""Paths of poses and repeated touches, on a whole cell in virtual time."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from cli.skills import pressing
 from cli.skills.contact_monitor import ContactSample, no_progress
 from cli.skills.following import PathParameters, Standstill
-from cli.skills.following_poses import follow_file, follow_poses
+from cli.skills.following_poses import follow_poses
 from cli.skills.path_file import write_poses
+from cli.skills.touch_repeats import TouchStatistics, touch_often
 from forcemesh.errors import DataError, NotReachedError
 from tests.fakes.bench import CELL
-from tests.fakes.verbs import call_verb
-from tests.unit.cli.skills.test_verbs import SkillCell, start_request
+from tests.fakes.verb_calls import call_verb
+from tests.unit.cli.skills.test_verbs import GAP_MM, SkillCell, start_request
 
-T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
 HERE = PathParameters(0.02, from_here=True)
 
 
@@ -55,15 +59,6 @@ def test_the_tool_follows_a_blended_corner_and_turns_with_it(cell: SkillCell) ->
     assert "contact kept" in done.text()
 
 
-def test_poses_of_the_flange_are_those_of_the_tool_before_its_mount(cell, tmp_path) -> None:
-    """A file of either frame leads to the same place."""
-    poses, path = square(cell, 0.004), tmp_path / "flange.csv"
-    write_poses(path, [0.0, 1.0, 2.0], [T * T_FLANGE_TCP.inverse() for T in poses])
-    follow_file(cell.client, path, "flange", HERE, request=start_request(8.0), within_s=20.0)
-    p_tcp_m = cell.p_tcp()
-    assert p_tcp_m[:2] == pytest.approx(poses[-1].translation[:2], abs=3e-4)
-
-
 def test_wrong_paths_are_refused_before_anything_moves(cell: SkillCell) -> None:
     """Each with the pose, the value and the limit."""
     first, second, _ = square(cell)
@@ -84,18 +79,6 @@ def test_wrong_paths_are_refused_before_anything_moves(cell: SkillCell) -> None:
         with pytest.raises(DataError, match=problem):
             follow(cell, poses, parameters)
     cell.world.advance(0.1)
-    assert cell.p_tcp() == pytest.approx(start, abs=1e-4)
-
-
-def test_joints_that_cannot_follow_are_named_before_anything_moves(cell: SkillCell) -> None:
-    """Also those of poses that are sent later than the first part."""
-    first, second, _ = square(cell)
-    start, spins = cell.p_tcp(), []
-    for number in range(40):
-        R = pin.utils.rotate("z", 0.2 * number) @ first.rotation
-        spins.append(pin.SE3(R, (first if number % 2 else second).translation))
-    with pytest.raises(DataError, match=r"pose 3\d of the path: joint 6 = "):
-        follow(cell, spins, PathParameters(0.001, from_here=True))
     assert cell.p_tcp() == pytest.approx(start, abs=1e-4)
 
 
@@ -131,3 +114,46 @@ def test_the_verb_follows_poses_and_reports_what_was_missed(cell, monkeypatch, t
     wrong = call_verb(monkeypatch, cell.client, no_progress, *words, "--blend", "3")
     assert wrong.exit_code == 2
     assert "--blend, --direction and --go-on need --poses" in wrong.stderr
+
+
+places = st.lists(st.tuples(*[st.floats(-500.0, 500.0)] * 3), min_size=2, max_size=12)
+
+
+def approach(cell: SkillCell, retract_m: float) -> partial[pressing.TouchResult]:
+    """Return the touch that is repeated."""
+    return partial(pressing.touch, cell.client, force_N=5.0, search_m=None, retract_m=retract_m)
+
+
+@given(places, st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda d: np.linalg.norm(d) > 0.1))
+def test_mean_and_deviation_are_those_of_the_places(found, direction) -> None:
+    """Per axis with n - 1 in the denominator; along the axis that of the projections."""
+    axis = np.array(direction) / np.linalg.norm(direction)
+    touches = [pressing.TouchResult(place, 1.0, 2.0) for place in found]
+    result = TouchStatistics.of(touches, axis)
+    for index in range(3):
+        column = [place[index] for place in found]
+        mean = sum(column) / len(column)
+        variance = sum((each - mean) ** 2 for each in column) / (len(column) - 1)
+        assert result.mean_mm[index] == pytest.approx(mean, abs=1e-6)
+        assert result.std_mm[index] == pytest.approx(variance**0.5, abs=1e-6)
+    first, covariance = np.array(found[0]), np.cov(np.array(found).T)
+    assert result.along_std_mm**2 == pytest.approx(axis @ covariance @ axis, rel=1e-6, abs=1e-4)
+    assert result.along_mean_mm == pytest.approx(
+        (np.array(result.mean_mm) - first) @ axis, abs=1e-6
+    )
+
+
+def test_touches_of_a_rigid_plate_repeat_within_a_tenth_of_a_millimetre(cell: SkillCell) -> None:
+    """Each approach starts in free space, and the arm ends retracted."""
+    start = cell.p_tcp()
+    shown: list[pressing.TouchResult] = []
+    result = touch_often(cell.client, approach(cell, 0.003), 3, retract_m=0.003, found=shown.append)
+    assert list(result.touches) == shown
+    assert len(shown) == 3
+    assert result.mean_mm == pytest.approx(1e3 * start - [0.0, 0.0, GAP_MM], abs=0.3)
+    assert max(*result.std_mm, result.along_std_mm) < 0.1
+    assert abs(result.along_mean_mm) < 0.1
+    travels = [found.travel_mm for found in shown]
+    assert travels == pytest.approx([GAP_MM, 3.0, 3.0], abs=0.4)
+    assert cell.client.contact.wait("free", within_s=1.0).valid
+    assert max(found.peak_N for found in shown) < CELL.force.touch_N + CELL.force.approach_budget_N

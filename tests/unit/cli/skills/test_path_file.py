@@ -51,6 +51,9 @@ def test_a_thinned_path_keeps_its_ends_and_stays_near_every_pose(recorded, toler
             assert off <= tolerance_m + np.linalg.norm(b - a) / 399
 
 
+ANGLES = "x_mm,y_mm,z_mm,o_deg,a_deg,t_deg"
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -60,47 +63,19 @@ def test_a_thinned_path_keeps_its_ends_and_stays_near_every_pose(recorded, toler
         ("x_mm,y_mm,z_mm\n1,2\n", "row 2: not 3 numbers"),
         ("x_mm,y_mm,z_mm\n1,2,3\n1,two,3\n", "row 3: not 3 numbers"),
         ("x_mm,y_mm,z_mm\n1,2,nan\n", "row 2: a number is not finite"),
+        (f"{ANGLES}\n1,2,3,0,-720.01,0\n", "row 2: a_deg is .*, the limit is 720 degrees"),
+        ("\udcff", "not UTF-8 text"),
     ],
 )
 def test_an_error_in_a_file_is_reported_with_its_name(tmp_path: Path, text, problem) -> None:
     """One sentence gives the file, the row and the cause."""
     path = tmp_path / "path.csv"
-    path.write_text(text)
+    path.write_text(text, errors="surrogateescape")
     with pytest.raises(DataError, match=problem) as caught:
-        read_points(path)
+        (read_poses if text.startswith(ANGLES) else read_points)(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("angle", "is_read"), [("720", True), ("-720.01", False), ("1e300", False)]
-)
-def test_an_angle_is_within_two_turns(tmp_path: Path, angle: str, is_read: bool) -> None:
-    """As in a cell file: a larger number is not an angle of the pendant."""
-    path = tmp_path / "path.csv"
-    path.write_text(f"x_mm,y_mm,z_mm,o_deg,a_deg,t_deg\n1,2,3,0,{angle},0\n")
-    if is_read:
-        assert len(read_poses(path)) == 1
-    else:
-        with pytest.raises(DataError, match=r"row 2: a_deg is .*, the limit is 720 degrees"):
-            read_poses(path)
-
-
-def test_a_missing_file_and_one_that_is_no_text_are_refused(tmp_path: Path) -> None:
-    """Each error is one sentence and not an internal error."""
     with pytest.raises(DataError, match="cannot be read: No such file"):
         read_points(tmp_path / "none.csv")
-    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DataError, match="not UTF-8 text"):
-        read_points(tmp_path / "bytes.csv")
     with pytest.raises(DataError, match="cannot be written"):
         write_poses(tmp_path, [0.0], [pose((0.0, 0.0, 0.0), np.eye(3))])
-
-
-def test_comments_spaces_and_other_columns_are_ignored(tmp_path: Path) -> None:
-    """Files of spreadsheets are accepted."""
-    path = tmp_path / "path.csv"
-    path.write_text("# a comment\nname, x_mm ,y_mm,z_mm\na,1,2,3\n# another\nb,4,5,6\n")
-    assert np.array(read_points(path)) == pytest.approx(
-        np.array([[0.001, 0.002, 0.003], [0.004, 0.005, 0.006]])
-    )

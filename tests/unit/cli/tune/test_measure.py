@@ -1,25 +1,23 @@
 """`tune` on a whole cell in virtual time: true values are identified, the arm returns."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cli.skills.contact_monitor import no_progress
-from cli.tune.measure import MotionRecorder, Readings, TuningMeasurement, TuningTrial, measure
+from cli.tune.measure import Readings, TuningTrial, measure
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.errors import DataError, NotReachedError, RefusedError
+from forcemesh.errors import NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
 from sim.robot.settings import TICK_S
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
-from tests.fakes.verbs import call_verb
+from tests.fakes.verb_calls import call_verb
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
-from tuning.identify import Steps
 from tuning.servo import Servo
 
 CELLS = DEMO.parent
@@ -69,7 +67,7 @@ def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("delay_s", "k"), [(0.0, 5e3), (0.01, 1e5), (0.04, 2e4)])
+@pytest.mark.parametrize(("delay_s", "k"), [(0.0, 5e3), (0.01, 1e5)])
 def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k: float) -> None:
     """The sum to 2 ms, the stiffness to 3 % and the stated spread; then the arm is at its start."""
     sim = {"sim.delay_s": delay_s, "sim.stiffness_N_m": k}
@@ -90,62 +88,10 @@ def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k
     assert cell.client.status().state == "ARMED"
 
 
-@pytest.mark.long
-def test_the_controllers_own_loop_is_measured_too() -> None:
-    """On the emulated controller the loop delay exceeds the servo's, near the cell file's value."""
-    cell = TuneCell("demo-tcp.yaml")
-    gain = tune(cell.client.config).force_i_m_per_Ns
-    readings = measure(cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=True)
-    found = readings.controller
-    assert found is not None
-    assert 0.03 < found.tau_s < 1.5 * cell.client.config.loop_delay_s
-    assert len(readings.responses) >= 2
-    assert 0.04 < readings.arm.sum_s < 0.12  # a step waits for a segment, and is one or two
-
-
-def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> None:
-    """With increasingly late poses the error lists each round, and the arm is at its start."""
-    cell, original, number = TuneCell(), MotionRecorder.axis_steps, iter(range(100))
-
-    def later(recorder, axis) -> Steps:
-        steps = original(recorder, axis)
-        return replace(steps, measured_s=steps.measured_s + 0.002 * next(number))
-
-    monkeypatch.setattr(MotionRecorder, "axis_steps", later)
-    start = cell.p()
-    with pytest.raises(DataError, match=r"were (\d+\.\d, ){4}\d+\.\d ms in 5 rounds, never twice"):
-        run(cell, TuningTrial(step_m=0.001))
-    assert cell.p() == pytest.approx(start, abs=1e-4)
-    assert cell.client.status().state == "ARMED"
-
-
-def test_a_press_is_repeated_until_it_determines_a_stiffness_or_is_refused(
-    monkeypatch,
-) -> None:
-    """Repeatable positions need one press, scattered ones three; the error gives their results."""
-    cell = TuneCell()
-    rng = np.random.default_rng(1)
-    monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
-    for noise_m, presses in ((1e-7, 1), (4e-5, 3), (4e-4, None)):
-        measuring = TuningMeasurement(cell.client, TuningTrial())
-
-        def place(_monitor, level_N, _what, noise_m=noise_m):
-            return level_N / 2e4 + noise_m * rng.normal(), level_N
-
-        monkeypatch.setattr(measuring, "_settled_point", place)
-        if presses is None:
-            with pytest.raises(DataError, match=r"3 presses showed .* press harder"):
-                measuring.press()
-            continue
-        measuring.press()
-        assert len(measuring.readings.travel_m) == 5 * presses
-
-
-def test_tune_starts_armed_in_free_space_inside_the_workspace() -> None:
+def test_tune_starts_armed_in_free_space() -> None:
     """Each refusal is one sentence, without any motion."""
     cell = TuneCell()
     start = cell.p()
-    x = float(start[0])
     trial = TuningTrial(step_m=0.01)
     cell.world.arm.data.xfrc_applied[cell.world.arm.model.body("tool").id][:3] = (0.0, 0.0, 8.0)
     cell.world.advance(0.3)
@@ -153,13 +99,6 @@ def test_tune_starts_armed_in_free_space_inside_the_workspace() -> None:
         run(cell, trial)
     cell.world.arm.data.xfrc_applied[:] = 0.0
     cell.world.advance(0.3)
-    limits = cell.client.config.limits
-    narrow = limits.model_copy(update={"workspace_max_m": (x + 0.001, *limits.workspace_max_m[1:])})
-    wide = cell.client.config
-    cell.client.config = wide.model_copy(update={"limits": narrow})
-    with pytest.raises(NotReachedError, match="steps of 10 mm leave the workspace"):
-        run(cell, trial)
-    cell.client.config = wide
     cell.client.hold()
     cell.world.advance(0.1)
     with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune starts armed"):

@@ -84,22 +84,6 @@ def test_a_rotated_sensor_gets_the_angles_to_write(wiring, seed) -> None:
     assert ("driver" in finding.remedy) != is_rotation
 
 
-def test_reactions_are_distinguished_from_a_hanging_arm() -> None:
-    """A push distinguishes what the weight cannot: the remedy does not name a ceiling."""
-    (finding,), _ = judged(-EYE, "all six", TOOL_DOWN)
-    assert finding.code == "reaction"
-    assert "remap Fx = -Fx" in finding.remedy
-    assert "Mz = -Mz" in finding.remedy
-
-
-def test_inconsistent_pushes_must_be_repeated() -> None:
-    """The same direction twice: the finding is unsure and names no wiring."""
-    done = [hand(step, EYE, "all six", TOOL_DOWN) for step in STEPS]
-    done[1] = replace(done[1], change_N=done[0].change_N)
-    (finding,), _ = judge_pushes(done, belief())
-    assert (finding.code, finding.kind) == ("pushes", "unsure")
-
-
 def test_without_a_tip_and_a_twist_the_torques_stay_undetermined() -> None:
     """This is reported without a finding; the forces are judged."""
     pushes = [hand(step, EYE, "all six", TOOL_DOWN) for step in STEPS[:3]]
@@ -139,10 +123,3 @@ def test_a_push_ends_when_it_is_released() -> None:
 def test_a_profile_that_is_no_push_is_ignored(profile) -> None:
     """No push is detected."""
     assert detected(profile) is None
-
-
-def test_a_twist_is_measured_by_its_moment() -> None:
-    """0.3 N m for 0.4 s."""
-    found = detected([*[0.3] * 40, *[0.0] * 20], by="twist")
-    assert found is not None
-    assert found[5] == pytest.approx(0.3)

@@ -110,3 +110,13 @@ def start() -> Iterator[Start]:
             return process
 
         yield run
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> None:
+    """Read the standard error of a process until a text is in it."""
+    stream, progress = process.stderr, ""
+    assert stream is not None
+    while text not in progress:
+        line = stream.readline()
+        assert line, f"it ended without {text!r}: {progress}"
+        progress += line

@@ -69,14 +69,6 @@ def is_parallel_to_plate(result: Result) -> None:
     assert result.final_force_N == pytest.approx(10.0, abs=1.0)
 
 
-def test_mode_both_lays_the_disc_flat_on_the_plate():
-    """Also on one with a small tilt; 15 degrees are checked in the run with that tilt."""
-    result = run_demo("both", 2e4, delay_ms=10, tilt_deg=5.0)
-
-    assert result.settled
-    is_parallel_to_plate(result)
-
-
 def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
     """The measure can fail: a gain that is far too high does not settle, and the arm is held."""
     cell = demo_cell(CELL, DemoOverrides(stiffness_N_m=1e5, delay_s=0.01))

@@ -122,23 +122,15 @@ def watching(tmp_path: Path, late_ns: int) -> Witness:
     return Witness([path])
 
 
-@pytest.mark.parametrize("stall_ms", [0, 100])
-def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, stall_ms):
+@pytest.mark.parametrize(
+    ("gap_s", "late_ms", "count"), [(0.05, 0, 1), (0.05, 100, 0), (0.019, 0, 0)]
+)
+def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, gap_s, late_ms, count):
     """The evaluation: late alone is a miss, late together with an idle process is not."""
     loop = flood.Loop("arbiter")
-    health = Health(longest_gap_s=0.05, numbers={"put_max_s": 0.2})
-    loop.take(health, 1_500_000_000, watching(tmp_path, stall_ms * 1_000_000))
-
-    assert loop.overdue == loop.slow_puts == (0 if stall_ms else 1)
-    assert (loop.gap_s, loop.put_s) == (0.05, 0.2)
-
-
-def test_a_loop_that_is_on_time_is_not_overdue(tmp_path):
-    """The evaluation: a gap within the shortest deadline is no violation."""
-    loop = flood.Loop("arbiter")
-    loop.take(Health(longest_gap_s=0.019), 1_500_000_000, watching(tmp_path, 0))
-
-    assert loop.overdue == loop.slow_puts == 0
+    health = Health(longest_gap_s=gap_s, numbers={"put_max_s": 4.0 * gap_s * (gap_s > 0.02)})
+    loop.take(health, 1_500_000_000, watching(tmp_path, late_ms * 1_000_000))
+    assert loop.overdue == loop.slow_puts == count
 
 
 def test_a_process_that_grows_or_leaks_is_detected():
@@ -150,12 +142,6 @@ def test_a_process_that_grows_or_leaks_is_detected():
 
     assert body.growth_b(600.0) == pytest.approx(1.2e6)
     assert body.leaked == 1
-
-
-@pytest.mark.parametrize(("over_s", "most_b"), [(6.0, 410_000), (60.0, 500_000), (600.0, 1e6)])
-def test_a_short_soak_has_a_small_bound(over_s, most_b):
-    """In 6 s, a process that keeps a third of the messages of a 1 kHz sensor is detected."""
-    assert soak.most_growth_b(over_s) == pytest.approx(most_b)
 
 
 @pytest.fixture

@@ -8,30 +8,13 @@ import pytest
 from common.bus.cell_bus import open_bus
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
-from forcemesh.errors import ConfigError
 from forcemesh.requests import ArmRequest
-from launch.processes import processes_of
 from tests.chaos.common_net import CellUnderTest, free_port
 from tests.scenario.conftest import PATIENCE_S, ROOT
 
 pytestmark = pytest.mark.processes
 
 NETFT = ROOT / "cells" / "demo-netft.yaml"
-
-
-def test_the_process_of_the_arm_serves_its_sensor_and_the_driver_publishes_it() -> None:
-    """Every role of the bus has its process; the emulated controller has none of them."""
-    played = {p.roles: p.module for p in processes_of(load_cell(NETFT))}
-    assert played[("controller",)] == "sim.controller"
-    assert played[("sensor",)] == "services.sensor"
-    assert sum(roles in {(role,) for role in topics.ROLES} for roles in played) == len(topics.ROLES)
-
-
-@pytest.mark.parametrize("wrong", [{"roles.sensor": "sim"}, {"roles.sensor": "external"}])
-def test_a_simulated_net_ft_without_a_reader_is_refused(wrong) -> None:
-    """The cell file is refused, with the field to change."""
-    with pytest.raises(ConfigError, match=r"sim\.netft"):
-        load_cell(NETFT, wrong)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from forcemesh.messages import MAY_MOVE
 from launch.run_file import read_run
 from tests.chaos.common_net import CellUnderTest
 from tests.fakes.waiting import wait_until
-from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.conftest import wait_for
 from tests.scenario.test_demo_processes import status_of
 
 PATIENCE_S = 60.0  # of the test: a loaded machine is slow to start processes

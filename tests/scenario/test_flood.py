@@ -24,11 +24,11 @@ from forcemesh.inbox import MOST_AT_ONCE
 from forcemesh.messages import Health
 from forcemesh.requests import Empty
 from forcemesh.zenoh_session import ZenohTransport
-from tests.chaos import flood, soak
+from tests.chaos import flood
 from tests.chaos.common_net import free_port, make_cell, running_cell
 from tests.chaos.flood_peer import session_of
 from tests.chaos.witness import ROW, Witness, witness
-from tests.scenario.conftest import HALF, LIGHT
+from tests.scenario.conftest import LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
@@ -133,17 +133,6 @@ def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, gap_s,
     assert loop.overdue == loop.slow_puts == count
 
 
-def test_a_process_that_grows_or_leaks_is_detected():
-    """The evaluation: a line fit of the memory, and files that are not closed."""
-    body = soak.ProcessUsage(1)
-    body.at_s = [float(n) for n in range(100)]
-    body.resident_b = [5e7 + 2000.0 * n for n in range(100)]
-    body.files = [20] * 99 + [21]
-
-    assert body.growth_b(600.0) == pytest.approx(1.2e6)
-    assert body.leaked == 1
-
-
 @pytest.fixture
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]]:
     """Return a real cell that presses, and its client.
@@ -176,18 +165,3 @@ def test_a_frozen_viewer_and_a_flood_delay_no_process(pressing):
     assert frozen.mistakes == []
     assert flooded.mistakes == []
     assert json.loads(sent)["questions"] > 30
-
-
-@pytest.mark.processes
-def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
-    """The soak test at its shortest: a round, no growth, no open files, no false hold.
-
-    A miss here is a missed deadline of its cell, at half the demo's rates; `tests.chaos.soak`
-    requires of one at full rate, on a machine without other load, 20 ms in 999 of 1000 messages.
-    """
-    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    late_s = LIGHT["deadlines"]["sensor_s"]
-    soak_run = soak.soak(minutes=0.1, changes={**LIGHT, **HALF}, late_s=late_s)
-
-    assert soak_run.rounds >= 1
-    assert soak_run.mistakes == []

@@ -13,11 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.robot.trace import RECORD
 from tests.chaos import clocks, network
 from tests.chaos.network_judge import (
-    MOVES_M_S,
-    GroundTruthTrace,
     TrialBounds,
     TrialObservations,
     judge,
@@ -53,36 +50,13 @@ def stops_after(moving_ms: int, speed_m_s: float = 0.01) -> tuple[np.ndarray, np
     return at_ns, np.where(at_ns <= BEGAN_NS + moving_ms * MS, speed_m_s, 0.0)
 
 
-def travelled(path: Path, steps_rad: np.ndarray) -> GroundTruthTrace:
-    """Write the trace of an upright arm whose second joint rotates by an angle in each tick."""
-    rows = np.zeros(len(steps_rad), RECORD)
-    rows["tick"] = np.arange(len(steps_rad))
-    rows["q"][:, 1] = np.cumsum(steps_rad)
-    rows.tofile(path)
-    return GroundTruthTrace(path)
-
-
-@pytest.mark.parametrize("ends_at", range(200, 230, 5))
-def test_an_arm_that_moves_in_steps_is_in_motion(tmp_path, ends_at):
-    """A controller stops between its steps: rest at one tick proves nothing."""
-    dashes_rad = np.where(np.arange(ends_at) % 30 < 10, 1e-5, 0.0)  # of some 900 mm
-    assert travelled(tmp_path / "t", dashes_rad).speed_now() > MOVES_M_S
-
-
-def test_an_arm_that_has_stopped_is_not_in_motion(tmp_path):
-    """Nor one that only has a trace of rest, nor one without a trace."""
-    dash_rad = np.where(np.arange(300) < 190, 1e-5, 0.0)
-    assert travelled(tmp_path / "t", dash_rad).speed_now() < MOVES_M_S
-    assert travelled(tmp_path / "u", np.zeros(300)).speed_now() == 0.0
-    assert GroundTruthTrace(tmp_path / "none").speed_now() == 0.0
-
-
 def test_a_hold_within_the_bounds_is_no_violation():
-    """The plain case: effective, held, named, in time, and at rest from then on."""
+    """Effective, held, named, in time, and at rest from then on; an arm may continue slowly."""
     verdict = judge(observations(), *stops_after(200), BOUNDS)
-
     assert verdict.mistakes == ()
     assert (verdict.last_command_ms, verdict.still_ms, verdict.stale) == (100.0, 200.0, 0)
+    calm = judge(observations(ends="either", held=False), *stops_after(2000), BOUNDS)
+    assert (calm.mistakes, calm.outcome) == ((), "went on")
 
 
 @pytest.mark.parametrize(
@@ -102,20 +76,12 @@ def test_a_hold_within_the_bounds_is_no_violation():
     ],
 )
 def test_every_value_out_of_bounds_is_a_violation(changes, moving_ms, mistake):
-    """Each bound of the table can be violated, and has a message of its own."""
+    """Each bound of the table can be violated; a jump and a missing trace are violations too."""
     verdict = judge(observations(**changes), *stops_after(moving_ms), BOUNDS)
-
     assert any(mistake in each for each in verdict.mistakes), verdict
-
-
-def test_an_arm_that_continues_may_not_jump():
-    """A fault that need not hold the arm must not make it jump; and no trace is no proof."""
-    calm = judge(observations(ends="either", held=False), *stops_after(2000), BOUNDS)
     wild = judge(observations(ends="either", held=False), *stops_after(2000, 0.06), BOUNDS)
+    assert any("jumped" in each for each in wild.mistakes)
     blind = judge(observations(), np.zeros(0, np.int64), np.zeros(0), BOUNDS)
-
-    assert (calm.mistakes, calm.outcome) == ((), "went on")
-    assert any("jumped" in mistake for mistake in wild.mistakes)
     assert "no trace of the arm" in blind.mistakes
 
 

@@ -41,9 +41,7 @@ def advised(found: MeasuredCell, **now: float) -> advice.Advice:
 
 @settings(max_examples=6)
 @given(found=measured)
-def test_recommended_gains_are_stable_with_the_stated_margins(
-    found: MeasuredCell,
-) -> None:
+def test_recommended_gains_are_stable_with_the_stated_margins(found) -> None:
     """At least 50 degrees and a factor of two; 0.9 of the delay margin more is still stable."""
     for one in (advised(found).force, advised(found).torque):
         assert one.margins.stable
@@ -61,9 +59,7 @@ def test_recommended_gains_are_stable_with_the_stated_margins(
 @example(found=MeasuredCell(Servo(0.0039, 0.0005, 0.00195, 0.0039), Spring(3162.3, 31.6)))
 @settings(max_examples=6)
 @given(found=measured)
-def test_the_lines_give_a_cell_the_gains_that_are_recommended(
-    found: MeasuredCell, tmp_path_factory
-) -> None:
+def test_the_lines_give_a_cell_the_gains_that_are_recommended(found, tmp_path_factory) -> None:
     """A cell that loads the written file has the same gains or slightly lower ones, and can arm."""
     one = advised(found)
     folder = tmp_path_factory.mktemp("cell")
@@ -82,20 +78,15 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     assert load_cell(folder / "cell.yaml", {"robot.delay_s": 0.2}).robot.delay_s == 0.2
 
 
-def test_a_gain_that_is_unstable_for_the_measured_cell_is_reported() -> None:
-    """Ten times the rule's gain: not stable; zero: no effect; no press: stiffness not measured."""
-    found = MeasuredCell(SERVO, SPRING)
+def test_an_unstable_gain_and_a_stiffness_that_was_not_measured_are_reported() -> None:
+    """Ten times the rule's gain is not stable; JSON has no infinite margins."""
+    found = MeasuredCell(SERVO, None)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
-    lines = words.report_lines(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
-    assert any("now" in line and "NOT STABLE" in line for line in lines)
-    assert any("no effect" in line for line in lines)
-    without_press = MeasuredCell(found.servo, None)
-    one = advised(without_press, force_now=0.0)
-    lines = words.report_lines(CELL, without_press, [one], {})
-    assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
-    plain = advice.as_dict(CELL, without_press, [one], {})
-    assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
-    assert plain["tau_s"] == pytest.approx(one.tau_s)
+    text = "\n".join(words.report_lines(CELL, found, [one], {}))
+    assert "NOT STABLE" in text
+    assert "stiffness not measured (cell file: 20000)" in text
+    plain = advice.as_dict(CELL, found, [one], {})
+    assert plain["hosts"]["pc"]["orientation_now"]["delay_s"] is None
 
 
 def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:
@@ -113,17 +104,6 @@ def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:
     assert any("own loop 120 +/- 4 ms" in line for line in lines)
 
 
-def test_the_lag_of_the_cell_file_stays_within_the_range_and_above_zero() -> None:
-    """10.7 ms of the demo's cell lie in the range; elsewhere it is the nearest end."""
-    for least_s, most_s, expected_s in (
-        (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
-    ):  # fmt: skip
-        found = MeasuredCell(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
-        robot = advice.cell_file_sections(CELL, found, [advised(found)])["robot"]
-        assert robot["lag_s"] == pytest.approx(expected_s)
-        assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
-
-
 @pytest.mark.parametrize(
     ("found", "loop_hz", "reason"),
     [
@@ -133,11 +113,7 @@ def test_the_lag_of_the_cell_file_stays_within_the_range_and_above_zero() -> Non
             250.0,
             "loop delay is 180 ms, the law was",
         ),
-        (MeasuredCell(SERVO, SPRING), 14.0, "too slow: the loop runs at 14 Hz"),
-        (MeasuredCell(SERVO, Spring(2.5e5, 1e3)), 250.0, "too stiff: 2.5e+05 N/m"),
-        (MeasuredCell(SERVO, Spring(9e2, 10.0)), 250.0, "too soft: 900 N/m, at 250 Hz"),
         (MeasuredCell(SERVO, Spring(4e3, 10.0)), 60.0, "contact.stiffness_N_m at 5000 or above"),
-        (MeasuredCell(SERVO, Spring(1e3, 10.0)), 250.0, ""),
         (MeasuredCell(SERVO, Spring(2e5, 1e3)), 15.0, ""),
     ],
 )
@@ -160,21 +136,6 @@ def test_nothing_is_recommended_outside_the_measured_range_of_the_law(
     assert (plain["cell_file"] is None) == bool(reason)
     assert all(("gains" in host) != bool(reason) for host in plain["hosts"].values())
     assert plain["refused"] == (why_not or None)
-
-
-def test_limits_of_the_adaptive_law_are_remarked() -> None:
-    """With the adaptive law: the softest contact of its map, and an uncertain delay."""
-    adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
-    found = MeasuredCell(replace(SERVO, deviation_s=0.002), SPRING)
-    sections = advice.cell_file_sections(CELL, found, [advised(found)])
-    assert advice.remarks(CELL, found, sections) == []
-    found_remarks = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
-    assert len(found_remarks) == 1
-    assert "overestimated" in found_remarks[0]
-    slow = at_hz(15.0).model_copy(update=adaptive)
-    found_remarks = advice.remarks(slow, found, sections)
-    assert "valid from 2000 N/m upwards" in found_remarks[0]
-    assert len(found_remarks) == 2
 
 
 def at_hz(loop_hz: float) -> CellConfig:

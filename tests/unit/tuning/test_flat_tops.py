@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.fakes.force_logs import first_order, noise, second_order, times
-from tuning.flat_tops import flat_tops, is_constant
+from tuning.flat_tops import flat_tops
 
 
 def wave(seed: int, hertz: float) -> np.ndarray:
@@ -39,13 +39,6 @@ def test_samples_that_are_logged_several_times_are_no_flat_top(repeats: int) -> 
     assert [top.value for top in flat_tops(np.minimum(signal, 8.0))] == [8.0]
 
 
-@pytest.mark.parametrize("resolution", [0.01, 0.1, 0.5])
-def test_a_coarse_resolution_is_no_flat_top(resolution: float) -> None:
-    """A slow force rests on the levels of a coarse converter."""
-    force = 10.0 * first_order(times(), 0.2) + noise(2500, resolution / 3.0)
-    assert flat_tops(np.round(force / resolution) * resolution) == []
-
-
 @pytest.mark.parametrize("tau_s", [0.005, 0.05, 0.2])
 def test_a_force_without_noise_that_comes_to_rest_is_no_flat_top(tau_s: float) -> None:
     """As in a simulation: equal to its set point to the last digit."""
@@ -57,13 +50,6 @@ def test_the_absence_of_contact_is_no_flat_top() -> None:
     """A simulated force is exactly 0 before the first touch, and then not."""
     force = np.concatenate((np.zeros(500), 10.0 + noise(500, 1.0)))
     assert flat_tops(force) == []
-
-
-def test_a_constant_channel_has_no_flat_top_but_is_named() -> None:
-    """A channel that is not connected is another finding."""
-    assert flat_tops(np.full(100, 3.0)) == []
-    assert is_constant(np.full(100, 3.0))
-    assert not is_constant(np.array([3.0, 3.1]))
 
 
 def test_four_clipped_samples_are_too_few() -> None:

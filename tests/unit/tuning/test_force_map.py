@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
-from tuning.force_map import FILE, Interval, QuantityFit, check_value, force_map
+from tuning.force_map import FILE, QuantityFit, check_value, force_map
 
 FEATURE = st.floats(-3.0, 3.0)
 
@@ -37,7 +37,7 @@ def test_the_stored_map_is_whole_and_has_both_laws() -> None:
     [
         ("", "cannot be read"),
         ("[]", "was changed by hand"),
-        ('{"laws": {}, "check": "0"}', "was changed by hand"),
+        (FILE.read_text(encoding="utf-8").replace("7", "8", 1), "was changed by hand"),
     ],
 )
 def test_a_damaged_map_is_refused_with_the_remedy(text: str, sentence: str, tmp_path: Path) -> None:
@@ -48,20 +48,8 @@ def test_a_damaged_map_is_refused_with_the_remedy(text: str, sentence: str, tmp_
         force_map(path)
 
 
-def test_one_changed_digit_of_the_map_is_detected(tmp_path: Path) -> None:
-    """The check value covers every number."""
-    tree = json.loads(FILE.read_text(encoding="utf-8"))
-    tree["laws"]["plain"]["fits"]["peak_N"]["width"] *= 1.01
-    path = tmp_path / "map.json"
-    path.write_text(json.dumps(tree))
-    with pytest.raises(DataError, match="was changed by hand"):
-        force_map(path)
-
-
 @given(a=FEATURE, b=FEATURE, model=st.floats(0.01, 100.0), width=st.floats(0.01, 0.34))
-def test_the_interval_is_the_model_times_the_polynomial(
-    a: float, b: float, model: float, width: float
-) -> None:
+def test_the_interval_is_the_model_times_the_polynomial(a, b, model, width) -> None:
     """Written out by hand for two features; its ends are a factor exp(2 w) apart."""
     c = (0.1, 0.2, -0.3, 0.01, 0.02, -0.03)
     x, y = (a - 1.0) / 2.0, (b + 1.0) / 0.5
@@ -70,12 +58,3 @@ def test_the_interval_is_the_model_times_the_polynomial(
     middle = (found.low * found.high) ** 0.5
     assert middle == pytest.approx(model * exp(power), rel=1e-9)
     assert found.high / found.low == pytest.approx(exp(2.0 * width), rel=1e-9)
-
-
-def test_an_interval_contains_its_ends() -> None:
-    """And nothing beyond them; a job that never settles is in none."""
-    interval = Interval(1.0, 2.0)
-    assert interval.contains(1.0)
-    assert interval.contains(2.0)
-    assert not interval.contains(0.999)
-    assert not interval.contains(float("inf"))

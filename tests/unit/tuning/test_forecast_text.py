@@ -7,9 +7,8 @@ import pytest
 from forcemesh.errors import DataError
 from tests.fakes.bench import CELL, cell_with
 from tuning import forecast_text
-from tuning.force_map import force_map
 from tuning.forecast import ForceJob, forecast
-from tuning.forecast_text import arming_text, one_line, rows, warnings
+from tuning.forecast_text import arming_text, rows, warnings
 
 STIFF = cell_with(contact__stiffness_N_m=9e4, force__approach_m_s=0.001)
 
@@ -57,18 +56,6 @@ def test_a_cell_that_the_map_does_not_cover_has_no_note(changes: dict[str, objec
     assert arming_text(cell_with(**changes)) == ""
 
 
-def test_a_larger_set_point_than_the_map_has_is_forecast_at_its_end() -> None:
-    """The text names the set point."""
-    most_N = force_map()["plain"].ranges["setpoint_N"].high
-    large = cell_with(
-        contact__stiffness_N_m=9e4,
-        force__approach_m_s=0.001,
-        force__setpoint_max_N=42.0,
-        limits__force_N=60.0,
-    )
-    assert f"from {most_N:.3g} N to" in arming_text(large)
-
-
 def test_a_damaged_map_does_not_stop_the_arbiter(monkeypatch: pytest.MonkeyPatch) -> None:
     """The note says so."""
 
@@ -77,19 +64,6 @@ def test_a_damaged_map_does_not_stop_the_arbiter(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(forecast_text, "force_map", damaged)
     assert arming_text(CELL) == "; no forecast: map.json: was changed by hand"
-
-
-def test_one_line_has_each_quantity_and_the_warnings() -> None:
-    """Or why there is no forecast."""
-    line = one_line(CELL, ForceJob(15.0))
-    pattern = (
-        r"forecast: settles [\d.]+ to [\d.]+ s after touch, peak [\d.]+ to [\d.]+ N, "
-        r"follows 20 mm/s across 10 degrees within [\d.]+ N"
-    )
-    assert re.fullmatch(pattern, line)
-    assert "⚠ at 20 mm/s" in one_line(STIFF, ForceJob(40.0))
-    assert one_line(CELL, ForceJob(2.0)).startswith("no forecast: set point is 2 N")
-    assert "follows" not in one_line(CELL, ForceJob(15.0, feed_m_s=0.9))
 
 
 def test_the_rows_have_limits_and_verdicts() -> None:

@@ -4,15 +4,14 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
-from tuning import contact_response, servo
-from tuning.contact_response import ContactResponse, delay_repeats, loop_delay
+from tuning.contact_response import loop_delay
 from tuning.contact_spring import fit_spring
-from tuning.identify import STAGES, Fit, Steps, identify_servo
-from tuning.servo import servo_of, sums
+from tuning.identify import Steps, identify_servo
+from tuning.servo import servo_of
 
 FINE_S = 2e-4
 
@@ -45,28 +44,6 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, pose_hz=250.0, seed=0, sm
     return Steps(sent_s, sent_m, pose_s, pose_m + 0.7 + rng.normal(0.0, noise_m, len(pose_s)))
 
 
-@settings(max_examples=6)
-@given(
-    st.floats(0.0, 0.12),
-    st.floats(0.003, 0.05),
-    st.floats(0.0, 3e-5),
-    st.sampled_from([40.0, 100.0, 250.0]),
-    st.integers(0, 99),
-)
-@example(0.0, 0.0078125, 1.167e-5, 40.0, 1)  # few poses: two lags fit equally well
-@example(0.0, 0.00390625, 3e-5, 250.0, 0)  # poses synchronous with the commands: several sums fit
-def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, pose_hz, seed) -> None:
-    """Within the stated deviation for each number of stages; the right number gives the lag."""
-    fits = identify_servo(record(d_s, lag_s, noise_m, pose_hz=pose_hz, seed=seed))
-    assert tuple(fit.stages for fit in fits) == STAGES
-    two = fits[1]
-    assert two.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * two.sum_deviation_s + 2e-4)
-    assert two.lag_s == pytest.approx(lag_s, abs=5.0 * two.lag_deviation_s + 5e-4)
-    assert two.residual_std_m < 2.0 * noise_m + 5e-6
-    for fit in fits:
-        assert fit.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * fit.sum_deviation_s + 1e-3)
-
-
 def test_the_stated_deviation_of_the_sum_covers_19_of_20_records() -> None:
     """Of 40 noisy records two deviations cover the sum in 36, and the deviation is not too wide."""
     errors = []
@@ -97,46 +74,6 @@ def test_an_arm_unlike_every_model_is_within_the_stated_bounds(
     assert found.bound_s >= d_s + lag_s
     assert found.lag_near_s(lag_s) == lag_s
     assert found.lag_near_s(1.0) == most_s
-
-
-@pytest.mark.parametrize(("lag_s", "is_split"), [(0.0015, True), (0.0107, False)])
-def test_the_split_is_reported_where_all_numbers_of_stages_agree(lag_s: float, is_split) -> None:
-    """They agree where the lag is short; the demo's 10.7 ms could be 5 to 12 ms."""
-    found = servo_of([(identify_servo(record(0.01, lag_s, 1e-6)),)] * 2)
-    assert found.is_split == is_split
-    least_s, most_s = found.lags_s
-    assert least_s <= lag_s <= most_s
-    if not is_split:
-        assert least_s < 0.008
-        assert most_s > 0.012
-
-
-def test_rounds_repeat_when_two_consecutive_ones_agree_within_a_millisecond() -> None:
-    """One round is not enough, nor two that differ; the deviation includes their difference."""
-    rounds = [
-        (fits_of(delay_s), fits_of(delay_s + 0.0004)) for delay_s in (0.010, 0.014, 0.0131, 0.0133)
-    ]
-    assert [servo.rounds_repeat(rounds[:n]) for n in range(5)] == [False, False, False, True, True]
-    assert sums(rounds)[0] == pytest.approx(0.0202)
-    assert servo_of(rounds[2:]).sum_s == pytest.approx(0.0234)
-    assert servo_of(rounds[:2]).deviation_s >= 0.002
-    axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
-    assert axes.bound_s >= 0.026  # the slower axis counts
-    responses = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
-    for segment_s, repeated in (
-        (0.0, [False, False, False, True]),
-        (0.01, [False, False, True, True]),
-    ):
-        within_s = contact_response.repeats_within_s(segment_s)
-        assert [delay_repeats(responses[:n], within_s) for n in range(4)] == repeated
-    both = contact_response.mean_response(responses[1:])
-    assert both.tau_s == pytest.approx(0.0615)
-    assert both.bound_s >= 0.063
-
-
-def fits_of(delay_s: float) -> tuple[Fit, ...]:
-    """Return fits with this delay and 10 ms of lag."""
-    return tuple(Fit(n, delay_s, 0.01, 1e-6, 1e-5, 1e-4) for n in STAGES)
 
 
 @given(

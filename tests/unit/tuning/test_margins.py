@@ -1,14 +1,14 @@
 """Margins: a loop with more delay or gain than its margins oscillates, with less it does not."""
 
 from dataclasses import replace
-from math import inf, pi
+from math import pi
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.margins import Loop, forecast, frequencies, margins, release_response, response
+from tuning.margins import Loop, forecast, margins, release_response
 
 loops = st.builds(
     lambda k, delay, lag, low, c, m: Loop(k, 0.0, delay, lag, low, m).with_gain(
@@ -45,23 +45,6 @@ def test_the_delay_margin_is_the_added_delay_that_keeps_a_loop_stable(loop: Loop
     assert not margins(more).stable
     assert not is_oscillating(less)
     assert is_oscillating(more)
-
-
-@settings(max_examples=30)
-@given(loops)
-def test_the_gain_margin_is_the_factor_that_keeps_a_loop_stable(loop: Loop) -> None:
-    """3 % less is stable, 3 % more is not; phase and delay margin agree."""
-    found = margins(loop)
-    if not found.stable:
-        return
-    assert margins(loop.with_gain(0.97 * found.gain_margin * loop.gain)).stable
-    assert not margins(loop.with_gain(1.03 * found.gain_margin * loop.gain)).stable
-    w = frequencies(loop)
-    size = np.abs(response(loop, w))
-    assert np.interp(found.crossover_rad_s, w, size) == pytest.approx(1.0, abs=0.02)
-    assert found.delay_s <= np.radians(found.phase_deg) / found.crossover_rad_s * 1.01 + 1e-9 or (
-        found.delay_s < inf
-    )
 
 
 def test_the_rule_settles_in_four_to_five_tau_unless_the_tool_is_heavy() -> None:

@@ -1,31 +1,26 @@
-"""Task frame and axes of one period: what is held does not move, set points are the tool's."""
+"""Task frame and axes of one period: what is held does not move, limits and a centre of rotation.
+
+Set points, springs and held axes of whole tasks: tests/scenario/test_force_axes.py.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import cross, plus, rotated, rotation_from_vector
 from forcemesh.messages import ZERO3
-from services.regulator.axis_task import ALL, CELLS, NONE, AxisTask, clipped, masked, mode_task
-from services.regulator.gains import PiGains
-from services.regulator.law import (
-    LawInput,
-    LawSettings,
-    next_motion,
-    soft_deadband,
-    start_at,
-    task_deadband,
-)
-from tests.fakes.arbiter_world import T_START
+from services.regulator.axis_task import ALL, CELLS, NONE, AxisTask, VirtualMass, mode_task
+from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
+from services.regulator.law import LawInput, LawSettings, next_motion, start_at
 from tests.fakes.bench import CELL
-from tests.fakes.regulator_bench import T_FLANGE_TCP
+from tests.fakes.law_input import DT_S, GAINS, START
 
-SETTINGS = LawSettings.of(CELL)
-GAINS = PiGains((0.0,) * 3, (1e-3,) * 3, (0.0,) * 3, (0.5,) * 3)
-START = T_START * T_FLANGE_TCP
+LAW, SETTINGS = LawSettings.of(CELL), ComplianceSettings.of(CELL)
+PLAIN = SETTINGS.guiding.plain
+TORSION = VirtualMass(stiffness=10.0)
 vectors = st.tuples(*[st.floats(-30.0, 30.0)] * 3)
 turns = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
 flags = st.tuples(*[st.booleans()] * 3)
@@ -39,48 +34,33 @@ def rows_of(turn):
 def sample_of(task, force_N=ZERO3, torque_Nm=ZERO3, contact="contact"):
     """Return one sample of a tool that is already in contact."""
     motion = replace(start_at(START), contact=contact)
-    return LawInput(force_N, torque_Nm, task, 0.004, GAINS, motion, START)
+    return LawInput(force_N, torque_Nm, task, DT_S, GAINS, motion, START)
 
 
-@given(turns, flags, flags, vectors, vectors, vectors)
-def test_held_axes_of_any_frame_do_not_move(turn, yields, may_turn, force_N, torque_Nm, push_N):
-    """Along and about them, for any force, torque and set point."""
+def pushed(task: AxisTask, force_tool_N=ZERO3, torque_tool_Nm=ZERO3, periods=400):
+    """Return the state and the last motion under a constant load in tool axes."""
+    state, motion = ComplianceState.at(task, START, START, SETTINGS), start_at(START)
+    sample = sample_of(task)
+    for _ in range(periods):
+        R = motion.T_base_tcp.rotation
+        force_N, torque_Nm = tuple(R @ force_tool_N), tuple(R @ torque_tool_Nm)
+        sample = LawInput(force_N, torque_Nm, task, DT_S, GAINS, motion, motion.T_base_tcp)
+        motion = comply(state, sample, next_motion(sample, PLAIN), SETTINGS)
+    return state, motion, sample
+
+
+@given(turns, flags, flags, vectors, vectors, vectors, st.sampled_from(["free", "contact"]))
+def test_held_axes_of_any_frame_do_not_move(
+    turn, yields, may_turn, force_N, torque_Nm, push_N, contact
+):
+    """Along and about them, for any force, torque and set point, in approach, contact and loss."""
     R = rows_of(turn)
     task = AxisTask(
         yields, may_turn, tuple(np.array(push_N) * yields), ZERO3, R_task=R, in_base=True
     )
-    after = next_motion(sample_of(task, force_N, torque_Nm), SETTINGS)
+    after = next_motion(sample_of(task, force_N, torque_Nm, contact), LAW)
     moved_m = np.array(R).T @ (after.T_base_tcp.translation - START.translation)
     assert np.abs(moved_m[~np.array(yields)]).max(initial=0.0) < 1e-12
-
-
-@given(turns, turns, vectors)
-def test_a_frame_of_the_tool_turns_with_it(turn, mounted, push_N) -> None:
-    """The set point is along the axes of the frame as the tool is now."""
-    task = AxisTask(ALL, NONE, push_N, R_task=rows_of(mounted))
-    R_base_tcp = rows_of(turn)
-    expected = np.array(R_base_tcp) @ rows_of(mounted)
-    assert np.array(task.R_base_task(R_base_tcp)) == pytest.approx(expected, abs=1e-12)
-
-
-@given(vectors, flags, st.floats(1e-3, 1.0))
-def test_speed_limits_of_single_axes_apply_to_a_period(motion, yields, limit) -> None:
-    """An axis without a limit is not slowed."""
-    out = masked(motion, yields, rows_of((0.3, 0.2, 0.1)), (limit, None, limit), share=0.5)
-    along = np.array(rows_of((0.3, 0.2, 0.1))).T @ np.array(out)
-    free = np.array(rows_of((0.3, 0.2, 0.1))).T @ np.array(motion) * yields
-    assert abs(along[[0, 2]]).max() <= 0.5 * limit + 1e-12
-    assert along[1] == pytest.approx(free[1], abs=1e-12)
-    assert clipped(motion, None) == motion
-
-
-@given(vectors, st.floats(0.0, 5.0))
-def test_an_axis_with_its_own_deadband_does_not_share_one(error, band) -> None:
-    """Its error is shortened by its own width; the others share the cell's."""
-    x, y, z = task_deadband(error, 1.0, 0.0, (None, band, None))
-    assert (x, 0.0, z) == pytest.approx(soft_deadband((error[0], 0.0, error[2]), 1.0))
-    assert abs(y) == pytest.approx(max(abs(error[1]) - band, 0.0))
-    assert task_deadband(error, 1.0, 0.0, CELLS) == soft_deadband(error, 1.0)
 
 
 @given(turns, st.floats(0.0, 1.0))
@@ -90,11 +70,9 @@ def test_the_law_uses_deadbands_of_single_axes(turn, band) -> None:
     bands = ((band, band, band), (band, band, band))
     task = AxisTask(ALL, ALL, ZERO3, R_task=R, in_base=True, deadbands=bands)
     load = tuple(rotated(R, (3.0, 0.0, 0.0)))
-    after = next_motion(sample_of(task, load, load), SETTINGS)
-    error = np.array(R).T @ np.array(after.error_force_N)
-    assert error == pytest.approx([3.0 - band, 0.0, 0.0], abs=1e-9)
-    error = np.array(R).T @ np.array(after.error_torque_Nm)
-    assert error == pytest.approx([3.0 - band, 0.0, 0.0], abs=1e-9)
+    after = next_motion(sample_of(task, load, load), LAW)
+    for error in (after.error_force_N, after.error_torque_Nm):
+        assert np.array(R).T @ error == pytest.approx([3.0 - band, 0.0, 0.0], abs=1e-9)
 
 
 @given(vectors, vectors)
@@ -104,22 +82,58 @@ def test_a_frame_with_an_origin_turns_the_tool_about_it(force_N, offset_mm) -> N
     origin_m = tuple(START.translation - offset_m)
     task = AxisTask(NONE, ALL, in_base=True, R_task=rows_of(ZERO3), origin_m=origin_m)
     sample = sample_of(task, force_N, (0.5, -0.3, 0.2))
-    after = next_motion(sample, SETTINGS)
+    after = next_motion(sample, LAW)
     torque_Nm = plus((0.5, -0.3, 0.2), cross(offset_m, force_N))
     assert sample.task_torque_Nm() == pytest.approx(torque_Nm, abs=1e-9)
     turn = after.T_base_tcp.rotation @ START.rotation.T
-    arc_m = turn @ offset_m - offset_m
     moved_m = after.T_base_tcp.translation - START.translation
-    assert moved_m == pytest.approx(arc_m, abs=1e-6)
+    assert moved_m == pytest.approx(turn @ offset_m - offset_m, abs=1e-6)
 
 
-def test_the_press_index_is_the_axis_with_the_largest_set_point() -> None:
-    """Z without one."""
-    found = [
-        AxisTask(force_N=force).press_index
-        for force in (ZERO3, (0.0, 0.0, 1.0), (3.0, 2.0, -1.0), (1.0, -3.0, 2.0), (1.0, 0.0, -3.0))
-    ]
-    assert found == [2, 2, 0, 1, 2]
+def test_a_free_axis_follows_the_hand_no_faster_than_its_limit() -> None:
+    """A hand that keeps pushing moves it at the speed limit of that axis."""
+    task = AxisTask(NONE, shifts=(VirtualMass(), None, None), speeds=((0.005, None, None), None))
+    _, motion, _ = pushed(task, (30.0, 0.0, 0.0), periods=250)
+    moved_m = START.rotation.T @ (motion.T_base_tcp.translation - START.translation)
+    assert 0.003 < moved_m[0] <= 0.005 * 1.0 + 1e-9
+
+
+@settings(max_examples=25)
+@given(st.tuples(*[st.floats(-40.0, 40.0)] * 3), st.tuples(*[st.floats(-2.0, 2.0)] * 3))
+def test_no_axis_moves_beyond_its_deviation_or_faster_than_the_cell_permits(
+    force_N, torque_Nm
+) -> None:
+    """Neither by force control nor by compliance, and its state says so at the limit."""
+    limits = ((0.002, 0.001, None), (0.01, None, 0.02))
+    task = AxisTask(
+        (True, False, False),
+        (False, False, True),
+        shifts=(None, VirtualMass(), VirtualMass()),
+        swings=(TORSION, None, None),
+        deviations=limits,
+    )
+    state, motion, sample = pushed(task, force_N, torque_Nm)
+    away_m, away_rad = state.deviation(motion.T_base_tcp, sample)
+    rows = zip((*away_m, *away_rad), (*limits[0], *limits[1]), state.at_limit, strict=True)
+    for away, limit, at_limit in rows:
+        assert limit is None or abs(away) <= limit + 1e-6
+        assert not at_limit or (limit is not None and abs(away) > 0.99 * limit)
+    if abs(torque_Nm[2]) > 1.0:
+        assert state.at_limit[5]
+    moved_m = motion.T_base_tcp.translation - sample.motion.T_base_tcp.translation
+    assert np.linalg.norm(moved_m) <= PLAIN.speed_max_m_s * DT_S + 1e-12
+
+
+def test_the_reference_moves_with_a_path_and_stays_for_the_same_axes() -> None:
+    """A changed set point keeps it; other compliant axes begin where they are."""
+    spring = VirtualMass(stiffness=1000.0)
+    task = AxisTask(NONE, shifts=(spring, None, None))
+    state = ComplianceState.at(task, START, START, SETTINGS)
+    state.move(((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)))
+    assert state.T_reference.translation - START.translation == pytest.approx([0.0, 0.01, 0.0])
+    assert state.covers(replace(task, force_N=(0.0, 0.0, 5.0)))
+    assert not state.covers(replace(task, shifts=(None, spring, None)))
+    assert not state.covers(replace(task, deviations=((0.1, None, None), CELLS)))
 
 
 @pytest.mark.parametrize("mode", ["position", "orientation", "both"])

@@ -1,21 +1,56 @@
-"""Half waves of the loop, and the number of them that is an oscillation. Pure."""
+"""Half waves of the loop, and the number of them that is an oscillation."""
 
-from dataclasses import asdict, astuple, replace
-from math import inf, nextafter
-from typing import Any
+from dataclasses import replace
+from math import nextafter
 
 import pytest
 
+from forcemesh.requests import ForceStartRequest
 from services.regulator.guards import GuardSettings, HalfWaves
 from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import PERIOD_S, RegulatorBench
 
-DT_S = 0.004
-MIN_HEIGHT_N = 3.0
+DT_S = 2.0**-8  # sums of it are exact
+LEAST_N = 3.0
 SETTINGS = replace(
-    GuardSettings.of(CELL),
-    half_wave_shortest_s=0.016,
-    half_wave_longest_s=0.25,
+    GuardSettings.of(CELL), half_wave_shortest_s=4.0 * DT_S, half_wave_longest_s=64.0 * DT_S
 )
+Waves = list[tuple[float, int]]  # height, duration in periods
+
+
+def counted(waves: Waves, side: float = 1.0) -> int:
+    """Return the count after half waves, which go through their deadband, on alternating sides."""
+    swing, sign = HalfWaves(), side
+    for height, periods in waves:
+        for error in (0.5 * height, height, *[0.0] * (periods - 1)):
+            swing.update(sign * error, DT_S, LEAST_N, SETTINGS)
+        sign = -sign
+    return swing.update(sign * LEAST_N, DT_S, LEAST_N, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("wave", "counts"),
+    [
+        ((4.0, 20), True),
+        ((4.0, 4), True),
+        ((4.0, 3), False),
+        ((4.0, 64), True),
+        ((4.0, 65), False),
+        ((3.0, 20), True),
+        ((nextafter(3.0, 0.0), 20), False),
+    ],
+)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_half_wave_counts_by_its_time_and_its_height(wave, counts, side) -> None:
+    """Every limit itself still counts; a half wave outside ends the row, the next begins one."""
+    assert counted([(3.0, 20), (3.0, 20), wave], side) == (3 if counts else 0)
+    assert counted([(3.0, 20), wave, (4.0, 20), (4.0, 20)], side) == (4 if counts else 2)
+
+
+@pytest.mark.parametrize(("last_N", "counts"), [(9.0, True), (nextafter(9.0, 0.0), False)])
+def test_a_half_wave_that_is_smaller_than_the_last_one_on_its_side_decays(last_N, counts) -> None:
+    """A set-point error makes the sides unequal: the other one does not matter."""
+    assert counted([(10.0, 20), (1000.0, 20), (last_N, 20)]) == (3 if counts else 0)
 
 
 def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long() -> None:
@@ -28,58 +63,27 @@ def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long(
     assert durations_s == pytest.approx((0.5 * tau_s, 8.0 * tau_s))
 
 
-def next_below(number: float) -> float:
-    """Return the next smaller number."""
-    return nextafter(number, -inf)
-
-
 @pytest.mark.parametrize(
-    ("changes", "counts"),
+    ("mode", "axes", "is_felt"),
     [
-        ({}, True),
-        ({"age_s": 0.016}, True),
-        ({"age_s": next_below(0.016)}, False),
-        ({"age_s": 0.25}, True),
-        ({"age_s": nextafter(0.25, inf)}, False),
-        ({"height": 3.0}, True),
-        ({"height": next_below(3.0)}, False),
-        ({"height": 9.0, "before_last": 10.0}, True),
-        ({"height": next_below(9.0), "before_last": 10.0}, False),
-        ({"last": 1000.0}, True),  # the other side: a set-point error makes the sides unequal
+        ("position", (True,) * 6, True),
+        ("position", (False, True, True, True, True, True), False),
+        ("orientation", (True,) * 6, True),
+        ("orientation", (True, True, True, False, True, True), False),
     ],
 )
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_half_wave_counts_by_its_time_its_height_and_the_one_before_on_its_side(
-    changes: dict[str, float], counts: bool, side: float
-) -> None:
-    """Every limit itself still counts; a half wave outside ends the row, the next begins one."""
-    before = {"side": side, "height": 4.0, "age_s": 0.1, "last": 3.5, "before_last": 3.25}
-    fields: dict[str, Any] = before | {"count": 7} | changes
-    swing = HalfWaves(**fields)
-    swing.update(-2.5 * side, DT_S, MIN_HEIGHT_N, SETTINGS)
-    assert asdict(swing) == {
-        "side": -side,
-        "height": 2.5,
-        "age_s": 0.0,
-        "last": fields["height"],
-        "before_last": fields["last"],
-        "count": 8 if counts else 0,
-    }
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_first_half_wave_has_no_predecessor(side: float) -> None:
-    """An error that leaves its deadband for the first time ends nothing."""
-    assert astuple(HalfWaves()) == (0.0,) * 6
-    swing = HalfWaves(count=5)
-    swing.update(side * 4.0, DT_S, MIN_HEIGHT_N, SETTINGS)
-    assert astuple(swing) == (side, 4.0, 0.0, 0.0, 0.0, 5)
-
-
-@pytest.mark.parametrize("error", [6.0, 0.5, 0.0])
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_half_wave_continues_through_its_deadband(error: float, side: float) -> None:
-    """It keeps its greatest height and its duration grows; only the other side ends it."""
-    swing = HalfWaves(side=side, height=4.0, age_s=0.1)
-    swing.update(side * error, DT_S, MIN_HEIGHT_N, SETTINGS)
-    assert astuple(swing) == (side, max(error, 4.0), 0.1 + DT_S, 0.0, 0.0, 0)
+def test_an_error_oscillates_along_and_about_free_axes_alone(mode, axes, is_felt) -> None:
+    """The loop does not control the others. Ten half waves halve the gains, not nine."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    assert bench.start(ForceStartRequest(mode=mode, axes=axes)).accepted
+    shares = []
+    for number in range(14):
+        side = 1.0 if number % 2 else -1.0
+        if mode == "position":
+            bench.push((10.0 * side, 0.0, 0.0))
+        else:
+            bench.push((0.0, 0.0, 0.0), (1.0 * side, 0.0, 0.0))
+        bench.pass_s(2.0 * round(CELL.loop_delay_s / PERIOD_S) * PERIOD_S)
+        shares.append(bench.published().gain_share)
+    assert (shares[9] == 1.0, shares[-1] < 1.0) == (True, is_felt)

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import apart
-from forcemesh.messages import ZERO3
 from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 
 DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
@@ -83,31 +82,6 @@ def test_the_curve_is_continuous_and_passes_near_every_pose(route, blend_m) -> N
         assert nearest_m <= blend_m / np.sqrt(2.0) + 2e-3
 
 
-@settings(max_examples=40)
-@given(routes, routes, blends)
-def test_poses_in_two_requests_are_the_same_curve_as_in_one(first, second, blend_m) -> None:
-    """Also the corner between both is blended, as long as the tool is before it."""
-    a, b = [[pose_at(place) for place in route] for route in (first, second)]
-    at_once = joined(start(), a + b, blend_m)
-    in_two = joined(joined(start(), a, blend_m), b, blend_m)
-    assert len(at_once.pieces) == len(in_two.pieces)
-    assert at_once.ends_m_s == pytest.approx(in_two.ends_m_s)
-    for one, other in zip(at_once.pieces, in_two.pieces, strict=True):
-        assert apart(one.T_to, other.T_to) == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
-def test_a_path_that_grows_while_the_tool_moves_goes_on_without_a_stop() -> None:
-    """The next poses arrive before it brakes; a near corner is blended less."""
-    path = start().extended([pose_at((0.02, 0, 0, 0, 0, 0))], 0.0)
-    while path.left_m > 0.004:
-        path = path.advanced(DT_S, share=1.0, most_m=MOST_M)
-    before = path.T_reference
-    path = path.extended([pose_at((0.02, 0.02, 0, 0, 0, 0))], 0.01)
-    assert apart(before, path.T_reference) == pytest.approx((0.0, 0.0), abs=1e-12)
-    speeds = [each.now_m_s for each in followed(path)[:-1]]
-    assert min(speeds[:100]) > 0.015
-
-
 def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
     """A blend of 3 mm is passed at the speed that its curvature and the acceleration permit."""
     corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
@@ -141,21 +115,6 @@ def test_a_turn_that_the_travel_does_not_explain_has_a_speed_of_its_own(travel_m
     assert turn_rad_s >= IN_PLACE_RAD_S * (1 - 1e-6)
 
 
-def test_the_feed_changes_with_the_acceleration_of_the_curve() -> None:
-    """The room of a period limits it at once."""
-    path = start().extended([pose_at((0.05, 0, 0, 0, 0, 0))], 0.0)
-    for _ in range(100):
-        path = path.advanced(DT_S, share=1.0, most_m=MOST_M)
-    slower = path.advanced(DT_S, share=0.1, most_m=MOST_M)
-    assert path.now_m_s - slower.now_m_s == pytest.approx(ACCEL_M_S2 * DT_S)
-    squeezed = path.advanced(DT_S, share=1.0, most_m=1e-5)
-    assert path.left_m - squeezed.left_m == pytest.approx(1e-5)
-    assert squeezed.now_m_s == pytest.approx(1e-5 / DT_S)
-    ended = followed(path)[-1]
-    assert ended.advanced(DT_S, share=1.0, most_m=MOST_M).now_m_s == 0.0
-    assert (ended.left_m, ended.tangent.tolist()) == (0.0, [0.0, 0.0, 0.0])
-
-
 @settings(max_examples=20)
 @given(routes, blends)
 def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend_m) -> None:
@@ -167,24 +126,3 @@ def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend
         whole = whole.advanced(DT_S, share=1.0, most_m=MOST_M)
         assert len(lazy.waiting) <= max(len(poses) - 1 - count, 0)
         assert apart(lazy.T_reference, whole.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
-@settings(max_examples=40)
-@given(routes, blends, st.floats(0.01, 0.99))
-def test_the_tangent_is_the_direction_of_travel(route, blend_m, share) -> None:
-    """In the middle of each piece and at its ends, in a blend as well."""
-    for piece in joined(start(), [pose_at(place) for place in route], blend_m).pieces:
-        s_m = share * piece.length_m
-        near = [piece.at(s_m + 1e-7 * side * piece.length_m).translation for side in (-1, 1)]
-        step_m = near[1] - near[0]
-        expected = step_m / np.linalg.norm(step_m) if piece.ends[0] != ZERO3 else np.zeros(3)
-        assert piece.tangent(s_m) == pytest.approx(expected, abs=0.05)
-        for s_m, end in zip((0.0, piece.length_m), piece.ends, strict=True):
-            assert piece.tangent(s_m) == pytest.approx(end, abs=1e-6)
-
-
-def test_a_blend_turns_its_tangent_by_half_in_the_middle() -> None:
-    """Of a right angle."""
-    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
-    _, blend, _ = joined(start(), corner, 0.005).pieces
-    assert blend.tangent(0.5 * blend.length_m) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])

@@ -85,9 +85,7 @@ def test_only_the_owner_and_a_higher_rank_change_force_control(
 
 
 @pytest.mark.parametrize("end", ["stop", "hold"])
-def test_any_client_ends_force_control_and_the_next_may_start(
-    bench: RegulatorBench, end: str
-) -> None:
+def test_any_client_ends_force_control_and_the_next_may_start(bench: RegulatorBench, end) -> None:
     """By the stop of a program, and when the arm is held; then the next client may start."""
     assert Client(bench, "operator", "a").start().accepted
     program = Client(bench, "program", "b")
@@ -112,9 +110,7 @@ def test_a_time_without_requests_does_not_end_the_ownership(bench: RegulatorBenc
     assert Client(bench, "operator", "a").start().accepted
 
 
-def test_gains_that_the_rule_calls_unstable_are_refused_unless_they_are_accepted(
-    bench: RegulatorBench,
-) -> None:
+def test_gains_that_the_rule_calls_unstable_are_refused_unless_they_are_accepted(bench) -> None:
     """Nothing changes; with the explicit word of a person they are set, and named as unstable."""
     asked = GainsRequest(force_i_m_per_Ns=(0.0, 0.0, 20.0 * KI))
     reply = bench.ask(topics.GAINS, asked)

@@ -74,9 +74,6 @@ def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
         play_virtual(cell, ScenarioPlan(), lambda *_: None)
 
 
-# --- over TCP -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("stiffness_N_m", "as_step_s", "pessimistic"),
     [(5e3, 0.0003, False), (1e5, 0.000125, True)],

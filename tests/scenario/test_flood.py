@@ -21,13 +21,12 @@ from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.codec import encode_record
 from forcemesh.inbox import MOST_AT_ONCE
-from forcemesh.messages import Health
 from forcemesh.requests import Empty
 from forcemesh.zenoh_session import ZenohTransport
 from tests.chaos import flood
 from tests.chaos.common_net import free_port, make_cell, running_cell
 from tests.chaos.flood_peer import session_of
-from tests.chaos.witness import ROW, Witness, witness
+from tests.chaos.witness import witness
 from tests.scenario.conftest import LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
@@ -113,24 +112,6 @@ def test_a_transport_reports_its_longest_put(cell):
         assert transport.longest_put_s(between_ns) == 0.0
         put(b"two")
         assert transport.longest_put_s(0) >= transport.longest_put_s(between_ns) > 0.0
-
-
-def watching(tmp_path: Path, late_ns: int) -> Witness:
-    """Return a witness that was late once, one second after the start of the clock."""
-    path = tmp_path / "witness.bin"
-    path.write_bytes(ROW.pack(1_000_000_000, late_ns) + ROW.pack(1_004_000_000, 0) + b"half")
-    return Witness([path])
-
-
-@pytest.mark.parametrize(
-    ("gap_s", "late_ms", "count"), [(0.05, 0, 1), (0.05, 100, 0), (0.019, 0, 0)]
-)
-def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, gap_s, late_ms, count):
-    """The evaluation: late alone is a miss, late together with an idle process is not."""
-    loop = flood.Loop("arbiter")
-    health = Health(longest_gap_s=gap_s, numbers={"put_max_s": 4.0 * gap_s * (gap_s > 0.02)})
-    loop.take(health, 1_500_000_000, watching(tmp_path, late_ms * 1_000_000))
-    assert loop.overdue == loop.slow_puts == count
 
 
 @pytest.fixture

@@ -84,13 +84,6 @@ def test_all_delay_of_the_loop_counts(section, changes, longer_s) -> None:
     assert tau_s - CELL.loop_delay_s == pytest.approx(longer_s)
 
 
-def test_tau_is_the_sum_of_its_parts() -> None:
-    """The demo cell's numbers, added by hand, are the whole delay."""
-    parts_s = (0.010, 0.0107, 0.005, 0.002, 0.002, CELL.force.chain_s)
-
-    assert CELL.loop_delay_s == pytest.approx(sum(parts_s))
-
-
 def test_the_approach_speed_keeps_the_first_touch_within_its_force_budget() -> None:
     """The first touch adds about k v tau: at most budget or probe; the set speed is a limit too."""
     tau_s = tune(CELL).tau_s

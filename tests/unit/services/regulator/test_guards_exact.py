@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from common.motion.frames import plus
-from forcemesh.messages import ZERO3, Trip, WrenchAtTcp
+from forcemesh.messages import Trip, WrenchAtTcp
 from services.regulator.axis_task import AxisTask, VirtualMass
 from services.regulator.guards import (
     GuardSample,
@@ -20,6 +20,7 @@ from services.regulator.guards import (
     GuardState,
     HalfWaves,
     kept_over_restart,
+    no_swing,
 )
 from services.regulator.law import start_at
 from tests.fakes.guard_steps import DOWN, guard_sample, watched
@@ -293,27 +294,16 @@ def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
         ("free", True, "approach", False),
     ],
 )
-def test_a_change_of_set_point_keeps_the_budgets_of_a_press(
-    first: Any, touched: bool, present: Any, lives_on: bool
-) -> None:
+def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, present, lives_on):
     """Budgets continue from the first touch; a press begun in contact and now free starts anew."""
-    before = GuardState(
-        first=guard_sample(first),
-        began_free=first == "approach",
-        worked=guard_sample(present),
-        touched=touched,
-        found=True,
-        environment_work_J=0.02,
-        tool_work_J=0.03,
-        p_search_m=ZERO3,
-        swing=[HalfWaves(count=9) for _ in range(6)],
-    )
+    swing = [HalfWaves(count=9) for _ in range(6)]
+    before = GuardState(guard_sample(first), worked=guard_sample(present), touched=touched)
+    before.began_free, before.environment_work_J, before.swing = first == "approach", 0.02, swing
     now = kept_over_restart(before)
-    kept = (now.first, now.worked, now.touched, now.environment_work_J, now.tool_work_J)
-    same = (before.first, before.worked, True, 0.02, 0.03)
-    assert kept == (same if lives_on else (None, None, False, 0.0, 0.0))
-    assert (now.found, now.p_search_m) == (False, None)
-    assert now.swing == [HalfWaves()] * 6
+    kept = (now.first, now.worked, now.touched, now.environment_work_J)
+    same = (before.first, before.worked, True, 0.02)
+    assert kept == (same if lives_on else (None, None, False, 0.0))
+    assert (now.p_search_m, now.swing) == (None, no_swing())
     assert now.yielding is before.yielding
 
 

@@ -88,8 +88,6 @@ def test_a_link_that_lags_from_the_first_sample_moves_nothing_and_is_no_error(la
     assert np.allclose(bench.T_base_tcp().translation, start_m, atol=1e-12)
 
 
-# --- stalls of a whole cell ---------------------------------------------------------------------
-
 CELL = load_cell(DEMO.with_name("demo-tcp.yaml"), {"sim.gap_m": 0.002})
 SETPOINT_N = 20.0
 MAX_N = 1.3 * SETPOINT_N

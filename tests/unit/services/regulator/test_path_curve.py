@@ -64,24 +64,6 @@ def test_the_feed_never_exceeds_its_limits_and_the_end_is_reached_exactly(route,
         assert after.now_m_s <= before.now_m_s + ACCEL_M_S2 * SLOW_S + 1e-12
 
 
-@settings(max_examples=40)
-@given(routes, blends)
-def test_the_curve_is_continuous_and_passes_near_every_pose(route, blend_m) -> None:
-    """Each piece begins where the last one ends; a blend cuts a corner within its distance."""
-    poses = [pose_at(place) for place in route]
-    path = joined(start(), poses, blend_m)
-    for a, b in pairwise(path.pieces):
-        assert apart(a.at(a.length_m), b.at(0.0)) == pytest.approx((0.0, 0.0), abs=1e-9)
-    samples = [
-        piece.at(share * piece.length_m) for piece in path.pieces for share in np.linspace(0, 1, 60)
-    ]
-    for T in poses:
-        nearest_m = min(
-            (apart(T, sample)[0] for sample in samples), default=apart(T, pin.SE3.Identity())[0]
-        )
-        assert nearest_m <= blend_m / np.sqrt(2.0) + 2e-3
-
-
 def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
     """A blend of 3 mm is passed at the speed that its curvature and the acceleration permit."""
     corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]

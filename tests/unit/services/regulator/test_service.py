@@ -30,9 +30,6 @@ def bench() -> RegulatorBench:
     return bench
 
 
-# --- start and stop -------------------------------------------------------------------------------
-
-
 def test_it_publishes_every_period_while_it_is_stopped(bench: RegulatorBench) -> None:
     """The target is not valid and stopped, with the sample it is based on; silence means death.
 
@@ -109,9 +106,6 @@ def test_the_set_point_ramp_begins_at_the_measured_force(
     assert bench.published().error_force_N[2] == pytest.approx(error_N, abs=step_N)
 
 
-# --- refusals -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("stiffer", [0.0, 0.3, 1.0, 3.0])
 def test_the_controller_approaches_no_faster_than_the_law_on_the_pc(stiffer: float) -> None:
     """Its speed is gain times set point: until the touch the sent set point is lower.
@@ -145,9 +139,6 @@ def sent_setpoint_N(bench: RegulatorBench) -> float:
     feedback = bench.published().feedback
     assert feedback is not None
     return float(np.linalg.norm(feedback.setpoint_force_N))
-
-
-# --- gains ----------------------------------------------------------------------------------------
 
 
 def test_gains_are_set_by_request_and_the_rest_keeps_its_value(bench: RegulatorBench) -> None:

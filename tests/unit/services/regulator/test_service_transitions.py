@@ -1,18 +1,15 @@
 """Every transition of mode, host and law: no command steps farther than one period allows."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.motion.convert import pose_of
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from tests.fakes.bench import CELL, cell_with
-from tests.fakes.regulator_bench import BOTH_HOSTS, PERIOD_S, T_FLANGE_TCP, FollowingBench
+from tests.fakes.regulator_bench import BOTH_HOSTS, PERIOD_S, FollowingBench
 
 MAX_STEP_M = CELL.force.speed_max_m_s * PERIOD_S * (1 + 1e-6)
 MAX_STEP_RAD = CELL.force.speed_max_rad_s * PERIOD_S * (1 + 1e-6)
@@ -54,33 +51,6 @@ def test_no_sequence_of_requests_and_forces_makes_a_step_of_the_command(history)
         bench.step(periods)
     assert all(step <= MAX_STEP_M for step in bench.steps_m)
     assert all(step <= MAX_STEP_RAD for step in bench.steps_rad)
-
-
-def test_the_identified_stiffness_is_kept_over_a_restart_in_the_same_contact() -> None:
-    """After a restart the law keeps its estimate; elsewhere or after a lift it does not."""
-    speeds = []
-    for meanwhile in ("touches", "moved", "lifted"):
-        bench = FollowingBench(BOTH_HOSTS)
-        bench.push((0.0, 0.0, 3.0))
-        assert bench.start(ADAPTIVE.replaced(setpoint_N=10.0)).accepted
-        p = bench.poses[0].translation.copy()
-        for _ in range(100):  # a spring of 3000 N/m
-            bench.push((0.0, 0.0, 3.0 - 3e3 * float((bench.poses[-1].translation - p)[2])))
-            bench.step(1)
-        bench.ask(topics.FORCE_STOP, Empty())
-        if meanwhile == "moved":
-            x, y, z = bench.robot.position_m
-            bench.robot = bench.robot.replaced(position_m=(x + 0.01, y, z))
-            bench.poses.append(pose_of(bench.robot) * T_FLANGE_TCP)
-        bench.push((0.0, 0.0, 0.2 if meanwhile == "lifted" else 10.0))
-        bench.step(3)
-        bench.push((0.0, 0.0, 4.0))
-        assert bench.start(ADAPTIVE).accepted
-        bench.step(5)  # the acceleration is limited
-        a, b = list(pairwise(bench.poses))[-1]
-        speeds.append(float((b.translation - a.translation)[2]) / PERIOD_S)
-    assert speeds[0] > 1.5 * speeds[1] > 0.0
-    assert speeds[2] == pytest.approx(speeds[1], rel=0.05)
 
 
 def test_the_controller_is_sent_gains_for_the_identified_contact() -> None:

@@ -50,9 +50,6 @@ def travel(plant: TouchedPlant, seconds: float) -> float:
     return furthest_m
 
 
-# --- wrong axes -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("stiffness_N_m", [2e3, long(1e4)])
 @pytest.mark.parametrize("law", ["plain", long("adaptive")])
 @pytest.mark.parametrize("axis_map", WRONG, ids=name_of)
@@ -99,9 +96,6 @@ def test_a_new_set_point_gives_no_new_budget(stops: bool) -> None:
             assert plant.ask(topics.FORCE_STOP, Empty()).accepted
     assert plant.published().code == "sensor_sign"
     assert abs((plant.p_commanded_m - begin_m)[0]) <= MAX_TRAVEL_M
-
-
-# --- correct axes ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])

@@ -81,7 +81,6 @@ JUDGES = {
     "services.regulator.guards": (
         "unit/services/regulator/test_guards_exact",
         "unit/services/regulator/test_guards",
-        "unit/services/regulator/test_guards_oscillation",
         "unit/services/regulator/test_unverified_axes",
         "unit/common/motion/test_last_check_corners",
         "unit/services/regulator/test_service",

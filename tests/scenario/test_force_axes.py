@@ -209,7 +209,7 @@ def assert_promises(row: Values, seed: int) -> None:
 
 @pytest.mark.parametrize("number", range(len(ROWS)))
 def test_each_pair_of_frame_axes_law_and_host(number: int) -> None:
-    """What a loop host cannot run is refused: test_service_tasks.py."""
+    """What a loop host cannot run is refused: test_axis_task.py."""
     assert_promises(ROWS[number], number)
 
 

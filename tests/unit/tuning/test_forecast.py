@@ -134,16 +134,6 @@ def test_the_fed_force_above_its_ceiling_is_warned_of_with_a_feed_that_is_not() 
     assert list(warnings(CELL, slower, forecast(CELL, slower))) == []
 
 
-def test_a_force_that_no_feed_keeps_below_the_ceiling_is_remedied_by_its_set_point() -> None:
-    """The set point itself has no room."""
-    tight = CELL.model_copy(update={"limits": CELL.limits.model_copy(update={"force_N": 30.5})})
-    job = ForceJob(30.0)
-    peak, feed = warnings(tight, job, forecast(tight, job))
-    assert "the press may peak at" in peak
-    assert peak.endswith("limits.force_N is 30.5 N, where the arm holds: lower the set point")
-    assert feed.endswith("where the arm holds: lower the set point")
-
-
 def test_the_note_of_arming_has_the_number_and_the_remedy() -> None:
     """For the largest set point of the cell on its own contact."""
     text = arming_text(STIFF)

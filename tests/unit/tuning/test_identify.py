@@ -1,5 +1,7 @@
 """Identification of delay, lag and stiffness from noisy records, and its refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,11 +16,11 @@ from tuning.servo import servo_of
 FINE_S = 2e-4
 
 
-def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, pose_hz=250.0, seed=0, smooth=0.0) -> Steps:
+def record(delay_s, lag_s, noise_m=0.0, *, seed=0, smooth=0.0) -> Steps:
     """Return 4 mm out and back at 40 mm/s, measured after a delay and two equal lags.
 
     Integrated in small steps, unlike the model that is fitted. `smooth` is the share of the lag
-    that is a moving average; `late_s` the deviation of the stamps.
+    that is a moving average.
     """
     sent_s = np.arange(0.0, 1.2, 0.004)
     speed = np.where((sent_s > 0.1) & (sent_s < 0.2), 0.04, 0.0)
@@ -36,9 +38,8 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, pose_hz=250.0, seed=0, sm
         arm += share * (0.5 * (before + first) - arm)
         arms.append(arm)
     rng = np.random.default_rng(seed)
-    pose_s = np.arange(delay_s + 0.001, 1.6, 1.0 / pose_hz)
+    pose_s = np.arange(delay_s + 0.001, 1.6, 0.004)
     pose_m = np.interp(pose_s - delay_s - FINE_S, fine_s, arms)
-    pose_s = np.sort(pose_s + rng.normal(0.0, late_s, len(pose_s)))
     return Steps(sent_s, sent_m, pose_s, pose_m + 0.7 + rng.normal(0.0, noise_m, len(pose_s)))
 
 
@@ -105,33 +106,23 @@ def test_the_delay_of_a_closed_loop_is_identified_from_its_step_response(tau_s, 
 def test_records_without_the_information_are_refused_with_the_reason() -> None:
     """An arm at rest, another motion, a press without effect, an implausible delay."""
     good = record(0.01, 0.01)
-    at_rest = Steps(
-        good.commanded_s, good.commanded_m, good.measured_s, np.zeros_like(good.measured_m)
-    )
-    with pytest.raises(DataError, match="did not execute the small steps"):
-        identify_servo(at_rest)
-    unrelated = Steps(
-        good.commanded_s, good.commanded_m, good.measured_s, good.measured_m[::-1] * 2.0
-    )
-    with pytest.raises(DataError, match="does not match the commanded one"):
-        identify_servo(unrelated)
-    with pytest.raises(DataError, match="too few commands and poses"):
-        identify_servo(
-            Steps(good.commanded_s[:5], good.commanded_m[:5], good.measured_s, good.measured_m)
-        )
+    last_s, last_m = good.measured_s[-1], good.measured_m[-1]
+    late_s = np.append(good.measured_s, last_s + 1.0) + 0.35
+    for wrong, reason in (
+        ({"measured_m": 0.0 * good.measured_m}, "did not execute the small steps"),
+        ({"measured_m": 2.0 * good.measured_m[::-1]}, "does not match the commanded one"),
+        ({"commanded_s": good.commanded_s[:5]}, "too few commands and poses"),
+        (
+            {"measured_s": late_s, "measured_m": np.append(good.measured_m, last_m)},
+            "later than 300 ms",
+        ),
+    ):
+        with pytest.raises(DataError, match=reason):
+            identify_servo(replace(good, **wrong))
     with pytest.raises(DataError, match="did not change the force enough"):
         fit_spring(np.array([0.0, 1e-4]), np.array([5.0, 5.1]))
     with pytest.raises(DataError, match="does not increase with the penetration"):
         fit_spring(np.array([1e-4, 0.0]), np.array([5.0, 10.0]))
-    last_s = good.measured_s[-1]
-    late = Steps(
-        good.commanded_s,
-        good.commanded_m,
-        np.append(good.measured_s, last_s + 1.0) + 0.35,
-        np.append(good.measured_m, good.measured_m[-1]),
-    )
-    with pytest.raises(DataError, match="later than 300 ms"):
-        identify_servo(late)
     t = np.linspace(0.0, 2.0, 200)
     with pytest.raises(DataError, match="did not follow its set point"):
         loop_delay(t, 5.0 + 0.0 * t, first_N=5.0, then_N=10.0, ramp_N_s=200.0, rate=5.0)

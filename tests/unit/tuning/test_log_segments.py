@@ -58,18 +58,6 @@ def test_noise_and_drift_are_no_step(seed: int, slope: float) -> None:
     assert (only.begin_s, only.end_s) == (0.0, time_s[-1])
 
 
-def test_press_and_release_are_two_steps() -> None:
-    """A constant set point is the target of the press only."""
-    time_s = times()
-    force = 10.0 * (first_order(time_s, 0.05) - first_order(time_s, 0.05, 3.0))
-    signal = Signal(time_s, force + noise(len(time_s), 0.05))
-    found = segments_of(signal, 10.5)
-    assert [each.target for each in found[:2]] == [None, 10.5]
-    assert found[2].before == pytest.approx(10.0, abs=0.1)
-    assert found[2].target == pytest.approx(0.0, abs=0.1)
-    assert [each.begin_s for each in found] == pytest.approx([0.0, 1.0, 3.0], abs=0.02)
-
-
 @given(ramp_s=st.floats(0.01, 2.0), rate_hz=st.sampled_from((10.0, 100.0, 500.0)))
 def test_a_ramp_of_the_set_point_is_one_step(ramp_s: float, rate_hz: float) -> None:
     """Also one that is sent in stairs of up to 0.1 s."""
@@ -114,14 +102,6 @@ def test_a_signal_within_its_range_has_no_flat_top(seed: int, hertz: float, digi
     assert flat_tops(np.round(wave(seed, hertz), digits)) == []
 
 
-@given(repeats=st.integers(1, 8))
-def test_samples_that_are_logged_several_times_are_no_flat_top(repeats: int) -> None:
-    """A log may be faster than its sensor; clipping is still found."""
-    signal = np.repeat(wave(1, 2.0), repeats)
-    assert flat_tops(signal) == []
-    assert [top.value for top in flat_tops(np.minimum(signal, 8.0))] == [8.0]
-
-
 @pytest.mark.parametrize("tau_s", [0.005, 0.05, 0.2])
 def test_a_force_without_noise_that_comes_to_rest_is_no_flat_top(tau_s: float) -> None:
     """As in a simulation: equal to its set point to the last digit."""
@@ -141,16 +121,6 @@ def test_the_interval_contains_the_true_drift_in_95_percent(correlation: float) 
         assert found.bound is not None
         contained += abs(found.slope - 0.2) <= found.bound
     assert 0.93 <= contained / 1500 <= 0.97
-
-
-def test_a_constant_has_no_drift_and_a_slow_wave_no_interval() -> None:
-    """Half a wave has less than four effective samples."""
-    time_s = times(1.0)
-    constant = drift_of(Signal(time_s, np.full(500, 7.0)))
-    assert (constant.slope, constant.bound, constant.is_significant) == (0.0, 0.0, False)
-    wave = drift_of(Signal(time_s, np.cos(6.0 * time_s)))
-    assert wave.bound is None
-    assert not wave.is_significant
 
 
 @given(hertz=st.floats(3.0, 220.0), amplitude=st.floats(0.2, 100.0), seed=st.integers(0, 1000))

@@ -166,27 +166,7 @@ def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> Non
 # --- gain of a sample -----------------------------------------------------------------------------
 
 
-def at_rate(control_hz: float) -> AdaptiveSettings:
-    """Return the settings at another nominal rate, with the softest contact included."""
-    rates = CELL.rates.model_copy(update={"control_hz": control_hz})
-    cell = CELL.model_copy(update={"rates": rates})
-    return replace(AdaptiveSettings.of(cell), softest_N_m=0.0)
-
-
 RULE = [inf] * 3  # requested gains that reduce nothing
-
-
-@given(st.floats(15.0, 250.0), st.floats(200.0, 2e5))
-def test_a_late_sample_has_the_gain_of_a_loop_with_that_period(rate_hz, k_N_m) -> None:
-    """Samples at another rate than 250 Hz have gain and prediction of a cell of that rate.
-
-    This concerns the adaptive gain. The nominal rate decides which contacts have the plain gain.
-    """
-    k, dt_s = [k_N_m] * 3, 1.0 / rate_hz
-    of_sample = gain_for(k, RULE, at_rate(250.0), dt_s)
-    of_cell = gain_for(k, RULE, at_rate(rate_hz), dt_s)
-    for one, other in zip(of_sample, of_cell, strict=True):
-        assert one == pytest.approx(other, rel=1e-9)
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.05, 1.0), st.floats(200.0, 2e5))

@@ -249,6 +249,17 @@ def test_a_turn_about_the_contact_does_not_slide() -> None:
         assert run.tracker.event.state == expected[-1]
 
 
+def test_a_wrench_of_another_clock_begins_anew() -> None:
+    """A duration across two clocks would be wrong, even negative."""
+    run = ContactRun()
+    run.play([SEARCH, PRESS])
+    run.at_ns -= 800_000_000
+    run.play([Phase(0.1, 10.0, law="contact")])
+    found = run.events[-1]
+    assert (found.state, found.before, found.before_s) == ("contact", "unknown", 0.0)
+    assert run.tracker.event.duration_s == pytest.approx(0.1 - PERIOD_NS / 1e9)
+
+
 # --- on the bus ---------------------------------------------------------------------------------
 
 START = ForceStartRequest(mode="position", setpoint_N=5.0)

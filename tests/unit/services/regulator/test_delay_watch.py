@@ -6,16 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.load import load_cell
-from common.motion.convert import vec3
 from forcemesh import topics
-from forcemesh.messages import ZERO3, ArbiterStatus, LinkHealth
+from forcemesh.messages import ArbiterStatus, LinkHealth
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
-from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
-from services.regulator.delay_watch import FOLLOW_SHARE, LINK_S, DelayWatch, DelayWatchSettings
+from services.regulator.delay_watch import LINK_S, DelayWatch, DelayWatchSettings
 from services.regulator.service import Regulator
 from tests.fakes.bench import CELL, DEMO, cell_with
 from tests.fakes.regulator_bench import RegulatorBench
@@ -24,86 +20,6 @@ from tuning.gain_rule import tune
 
 SETTINGS = DelayWatchSettings.of(CELL)
 DT_S = 0.004
-START_M = (0.4, 0.1, 0.3)
-
-
-class Plant:
-    """An arm of a true delay and a compliance, and the watch that sees its reports."""
-
-    def __init__(
-        self, excess_s: float, *, seed: int = 1, noise_m: float = 0.0, yields: float = 0.0
-    ) -> None:
-        """Start at rest, at the position of the first command."""
-        self.watch, self.time_s = DelayWatch(), 0.0
-        self.excess_s, self.noise_m, self.yields = excess_s, noise_m, yields
-        self._rng, self._arm = np.random.default_rng(seed), LoopDelayModel(ZERO3)
-        self._hz = self._rng.uniform(0.5, 4.0, (3, 3))
-        self._phase = self._rng.uniform(0.0, 6.0, (3, 3))
-
-    def run(self, duration_s: float, *, height_m: float = 1e-3, each: int = 1) -> None:
-        """Move along drawn sines; a report comes with each sample, or with each second one."""
-        for number in range(round(duration_s / DT_S)):
-            self.time_s += DT_S
-            angles = 2.0 * np.pi * self._hz * self.time_s + self._phase
-            travel_m = height_m * (np.sin(angles) - np.sin(self._phase)).sum(axis=1)
-            self._follow(travel_m)
-            noise_m = self._rng.normal(0.0, self.noise_m, 3) if self.noise_m else np.zeros(3)
-            measured_m = np.array(START_M) + (1.0 - self.yields) * np.array(self._arm.arm)
-            self.step(
-                START_M + travel_m, measured_m + noise_m if number % each == each - 1 else None
-            )
-
-    def rest(self, duration_s: float) -> None:
-        """Stay at the last command."""
-        for _ in range(round(duration_s / DT_S)):
-            travel_m = np.array(self._arm.command)
-            self._follow(travel_m)
-            self.step(START_M + travel_m, np.array(START_M) + self._arm.arm)
-
-    def _follow(self, travel_m: np.ndarray) -> None:
-        arm, delay_s = SETTINGS.arm, SETTINGS.arm.delay_s + self.excess_s
-        self._arm.follow(vec3(travel_m), DT_S, DelayModelSettings(delay_s, arm.lag_s, 0.0))
-
-    def step(self, command_m: np.ndarray, measured_m: np.ndarray | None) -> None:
-        """Pass one sample to the watch, with a start at the origin."""
-        if self.watch.model is None:
-            self.watch.follow(START_M, START_M, dt_s=DT_S, is_late=False, settings=SETTINGS)
-        measured = None if measured_m is None else vec3(measured_m)
-        self.watch.follow(vec3(command_m), measured, dt_s=DT_S, is_late=False, settings=SETTINGS)
-
-
-# --- estimate from motion -------------------------------------------------------------------------
-
-
-@given(
-    excess_s=st.floats(-0.005, 0.06),
-    seed=st.integers(0, 1000),
-    noise_m=st.sampled_from([0.0, 1e-5, 3e-5]),
-    yields=st.floats(0.0, 0.3),
-    each=st.integers(1, 3),
-)
-def test_the_excess_of_a_moving_arm_is_found_within_3_ms(
-    excess_s: float, seed: int, noise_m: float, yields: float, each: int
-) -> None:
-    """For any motion, noise of the reports, compliance of the arm, and rate of the reports."""
-    plant = Plant(excess_s, seed=seed, noise_m=noise_m, yields=yields)
-    plant.run(1.5, each=each)
-    assert plant.watch.excess_s == pytest.approx(excess_s, abs=0.003)
-    assert plant.watch.is_measured
-
-
-def test_the_dead_time_of_the_model_never_runs_backwards() -> None:
-    """The estimate changes by at most half of the time that passes."""
-    plant, before_s = Plant(0.08), 0.0
-    for _ in range(400):
-        plant.run(DT_S)
-        change_s = abs(plant.watch.excess_s - before_s)
-        assert change_s <= FOLLOW_SHARE * 2.0 * DT_S + 1e-12
-        before_s = plant.watch.excess_s
-    assert plant.watch.excess_s > 0.07
-
-
-# --- the link -------------------------------------------------------------------------------------
 
 
 def test_the_rise_of_the_links_round_trip_counts_when_it_is_the_larger_one() -> None:
@@ -121,9 +37,6 @@ def test_the_rise_of_the_links_round_trip_counts_when_it_is_the_larger_one() -> 
     for _ in range(round(8.0 * LINK_S / DT_S)):
         watch.follow_link(0.002, DT_S)
     assert watch.excess_now_s == pytest.approx(0.0, abs=1e-5)
-
-
-# --- gain share -----------------------------------------------------------------------------------
 
 
 def test_within_the_tolerance_the_gains_are_whole() -> None:

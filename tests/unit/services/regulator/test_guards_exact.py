@@ -212,28 +212,26 @@ def test_work_of_the_environment_on_a_press_from_free_space_is_limited_by_that_o
 
 
 @pytest.mark.parametrize(
-    ("force_N", "trips"), [(14.0, False), (next_above(14.0), True), (99.0, True)]
+    ("changes", "may_trip"),
+    [
+        ({}, True),
+        ({"rotates": False}, False),
+        ({"presses": False}, False),
+        ({"limited": (False, False, False)}, False),
+    ],
 )
-def test_an_unverified_rotation_presses_half_the_set_point_and_touch_n_more(force_N, trips) -> None:
+def test_an_unverified_rotation_presses_half_the_set_point_and_touch_n_more(changes, may_trip):
     """14 N at most for 8 N, once the force has been at 8 N or below; before, it may fall."""
-    turning = {"rotates": True, "limited": (True, False, False)}
+    fields = {"rotates": True, "limited": (True, False, False)} | changes
     for first_N, was_found in ((8.0, True), (next_above(8.0), False)):
-        now, trip = watched(
-            GuardState(), guard_sample("contact", (0.0, 0.0, first_N), **turning), SETTINGS
+        begun, _ = watched(
+            GuardState(), guard_sample("contact", (0.0, 0.0, first_N), **fields), SETTINGS
         )
-        assert trip is None
-        now, trip = watched(now, guard_sample("contact", (0.0, 0.0, force_N), **turning), SETTINGS)
-        expected = ("sensor_sign", force_N, 14.0)
-        assert numbers(trip) == (expected if trips and was_found else None)
-
-
-@pytest.mark.parametrize("changes", [{"rotates": False}, {"presses": False}, {"limited": NOT_Z}])
-def test_a_force_may_grow_without_rotation_without_press_or_with_verified_axes(changes) -> None:
-    """Each of the three conditions is sufficient."""
-    fields = {"rotates": True, "limited": Z_ONLY} | changes
-    fields["limited"] = (False, False, fields["limited"][2])
-    now, _ = watched(GuardState(), guard_sample("contact", (0.0, 0.0, 8.0), **fields), SETTINGS)
-    assert watched(now, guard_sample("contact", (0.0, 0.0, 99.0), **fields), SETTINGS)[1] is None
+        for force_N, is_more in ((14.0, False), (next_above(14.0), True)):
+            sample = guard_sample("contact", (0.0, 0.0, force_N), **fields)
+            expected = ("sensor_sign", force_N, 14.0)
+            trips = was_found and is_more and may_trip
+            assert numbers(watched(begun, sample, SETTINGS)[1]) == (expected if trips else None)
 
 
 # --- yielding, searching, oscillation -------------------------------------------------------------

@@ -88,7 +88,7 @@ def test_a_link_that_lags_from_the_first_sample_moves_nothing_and_is_no_error(la
     assert np.allclose(bench.T_base_tcp().translation, start_m, atol=1e-12)
 
 
-CELL = load_cell(DEMO.with_name("demo-tcp.yaml"), {"sim.gap_m": 0.002})
+TCP_CELL = load_cell(DEMO.with_name("demo-tcp.yaml"), {"sim.gap_m": 0.002})
 SETPOINT_N = 20.0
 MAX_N = 1.3 * SETPOINT_N
 MIN_N = 1.0  # contact force of a tool that has not lifted off
@@ -105,7 +105,7 @@ def test_a_stall_neither_presses_nor_lifts(
 ) -> None:
     """From the touch on, or with an error for the whole of it: the set point is just halved."""
     monkeypatch.setattr(virtual, "LockStepLink", StallingWire)
-    lab = Lab(CELL)
+    lab = Lab(TCP_CELL)
     arm = lab.cell.arm
 
     def true_N() -> float:

@@ -107,6 +107,8 @@ def test_a_start_that_cannot_run_is_refused_by_name(bench, asked, code, text) ->
         start(axes=X_ONLY),
         start(axes=Z_HELD, mode="orientation", setpoint_N=5.0),  # its set point is not used
         start(setpoint_N=CELL.force.setpoint_max_N),
+        task("x=force:0 y=force:0 z=force:5", "sensor", host="controller"),  # no axis is held
+        task("rx=free"),
     ],
 )
 def test_what_comes_close_to_a_refusal_is_accepted(bench: RegulatorBench, asked: Any) -> None:

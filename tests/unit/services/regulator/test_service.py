@@ -1,21 +1,23 @@
 """The regulator on the bus: start and stop by request, refusals with a reason, gains."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
 from forcemesh import topics
+from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from services.regulator.law import LawSettings
 from tests.fakes.arbiter_world import T_START
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (
     BOTH_HOSTS,
     KI,
     PERIOD_S,
     T_FLANGE_TCP,
+    FollowingBench,
     RegulatorBench,
     assert_stopped,
 )
@@ -42,19 +44,6 @@ def test_it_publishes_every_period_while_it_is_stopped(bench: RegulatorBench) ->
         reading = bench.out.read(bench.clock.now_ns())
         assert (reading.age_s, reading.origin) == (0.0, bench.origin)
         assert_stopped(bench, "stopped")
-
-
-@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
-@pytest.mark.parametrize("force_N", [0.0, 30.0])
-def test_it_starts_at_the_measured_pose(bench: RegulatorBench, mode: Any, force_N: float) -> None:
-    """The first pose is the measured one, for any wrench."""
-    bench.push((force_N, 0.0, force_N), (1.0, 0.0, 0.0))
-    bench.step()
-    assert bench.start(ForceStartRequest(mode=mode, setpoint_N=10.0)).accepted
-    target = bench.published()
-    assert (target.valid, target.mode, target.host) == (True, mode, "pc")
-    assert target.pose is not None
-    assert pose_of(target.pose).homogeneous == pytest.approx(T_START.homogeneous, abs=1e-12)
 
 
 def test_stop_ends_it_and_a_new_start_begins_at_the_arm(bench: RegulatorBench) -> None:
@@ -160,3 +149,113 @@ def test_gains_are_set_by_request_and_the_rest_keeps_its_value(bench: RegulatorB
     before = bench.T_base_tcp().translation[2]
     bench.pass_s(0.5)
     assert bench.T_base_tcp().translation[2] - before == pytest.approx(5.0 * KI, rel=0.02)
+
+
+# --- transitions --------------------------------------------------------------------------------
+
+MAX_STEP_M = CELL.force.speed_max_m_s * PERIOD_S * (1 + 1e-6)
+MAX_STEP_RAD = CELL.force.speed_max_rad_s * PERIOD_S * (1 + 1e-6)
+ADAPTIVE = ForceStartRequest(law="adaptive")
+
+forces = st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(0.0, 40.0))
+torques = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+starts = st.builds(
+    ForceStartRequest,
+    mode=st.sampled_from(["position", "orientation", "both"]),
+    host=st.sampled_from(["pc", "controller"]),
+    law=st.sampled_from(["plain", "adaptive", "admittance"]),
+    setpoint_N=st.one_of(st.just(0.0), st.floats(0.0, 30.0)),
+    axes=st.tuples(*[st.sampled_from([True, True, True, False])] * 6),
+    frame=st.sampled_from(["base", "tool"]),
+)
+gains = st.floats(0.0, 5e-3).map(
+    lambda gain: GainsRequest(force_i_m_per_Ns=(gain,) * 3, accept_unstable=True)
+)
+requests = st.one_of(starts, starts, gains, st.just(Empty()))
+TOPICS = {
+    ForceStartRequest: topics.FORCE_START,
+    GainsRequest: topics.GAINS,
+    Empty: topics.FORCE_STOP,
+}
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(requests, forces, torques, st.integers(1, 8)), min_size=2, max_size=10))
+def test_no_sequence_of_requests_and_forces_makes_a_step_of_the_command(history) -> None:
+    """Starts in any mode, host, law, set point and mask, stops, gains, any wrench in between.
+
+    A refused start is no transition.
+    """
+    bench = FollowingBench(BOTH_HOSTS)
+    for request, force_N, torque_Nm, periods in history:
+        bench.push(force_N, torque_Nm)
+        bench.ask(TOPICS[type(request)], request)
+        bench.step(periods)
+    assert all(step <= MAX_STEP_M for step in bench.steps_m)
+    assert all(step <= MAX_STEP_RAD for step in bench.steps_rad)
+
+
+def test_the_identified_stiffness_is_kept_over_a_restart_in_the_same_contact() -> None:
+    """After a restart the law keeps its estimate; elsewhere or after a lift it does not."""
+    speeds = []
+    for meanwhile in ("touches", "moved", "lifted"):
+        bench = FollowingBench(BOTH_HOSTS)
+        bench.push((0.0, 0.0, 3.0))
+        assert bench.start(ADAPTIVE.replaced(setpoint_N=10.0)).accepted
+        p = bench.poses[0].translation.copy()
+        for _ in range(100):  # a spring of 3000 N/m
+            bench.push((0.0, 0.0, 3.0 - 3e3 * float((bench.poses[-1].translation - p)[2])))
+            bench.step(1)
+        bench.ask(topics.FORCE_STOP, Empty())
+        if meanwhile == "moved":
+            x, y, z = bench.robot.position_m
+            bench.robot = bench.robot.replaced(position_m=(x + 0.01, y, z))
+            bench.poses.append(pose_of(bench.robot) * T_FLANGE_TCP)
+        bench.push((0.0, 0.0, 0.2 if meanwhile == "lifted" else 10.0))
+        bench.step(3)
+        bench.push((0.0, 0.0, 4.0))
+        assert bench.start(ADAPTIVE).accepted
+        bench.step(5)  # the acceleration is limited
+        a, b = bench.poses[-2:]
+        speeds.append(float((b.translation - a.translation)[2]) / PERIOD_S)
+    assert speeds[0] > 1.5 * speeds[1] > 0.0
+    assert speeds[2] == pytest.approx(speeds[1], rel=0.05)
+
+
+def test_the_controller_is_sent_gains_for_the_identified_contact() -> None:
+    """Host controller: from the stiffest contact's gains up to a soft one's, not every period."""
+    bench = FollowingBench(BOTH_HOSTS)
+    bench.arbiter = ArbiterStatus(state="ARMED", lease=3)
+    bench.push((0.0, 0.0, 30.0))
+    assert bench.start(ADAPTIVE.replaced(host="controller")).accepted
+    bench.step(1)
+    sent = []
+    x, y, z = bench.robot.position_m
+    for number in range(80):
+        force_N = 30.0 * np.exp(-number / 25.0)
+        bench.robot = bench.robot.replaced(position_m=(x, y, z + (30.0 - force_N) / 4000.0))
+        bench.push((0.0, 0.0, force_N))
+        bench.step(1)
+        feedback = bench.published().feedback
+        assert feedback is not None
+        sent.append(feedback.gains.force_i_m_per_Ns[2])
+    assert sent[-1] > 2.0 * sent[0]
+    assert len(set(sent)) < 20
+
+
+@pytest.mark.parametrize(
+    ("law", "tracks", "continues"),
+    [("adaptive", True, True), ("adaptive", False, False), ("plain", True, False)],
+)
+def test_a_rising_surface_is_followed_by_the_adaptive_law(law, tracks, continues) -> None:
+    """Contact from free space, then the surface rises: without tracking its work is rejected."""
+    bench = FollowingBench(cell_with(force__surface_tracking=tracks))
+    assert bench.start(ADAPTIVE.replaced(law=law, setpoint_N=10.0)).accepted
+    surface_m = float(bench.poses[0].translation[2]) - 0.0005
+    for number in range(900):
+        surface_m += 3e-3 * PERIOD_S if number > 600 else 0.0
+        deep_m = max(0.0, surface_m - float(bench.poses[-1].translation[2]))
+        bench.push((0.0, 0.0, 1e4 * deep_m))
+        bench.step(1)
+    assert bench.published().valid is continues
+    assert bench.published().code == ("" if continues else "sensor_sign")

@@ -1,29 +1,138 @@
-"""A path of poses while the tool presses: its end, feed, what is missed, and its check in parts.
-
-Over tilted and curved surfaces, with a program that is off: tests/scenario/test_path_with_force.py.
-"""
+"""Curve, feed and look-ahead of a path of poses."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall
 from common.config.load import load_cell
-from common.motion.convert import pose_of, record_of
+from common.motion.convert import record_of
 from common.motion.frames import apart
 from forcemesh import topics
 from forcemesh.codec import Envelope, decode_record, encode_record
 from forcemesh.force_task import parse_task
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.regulator import service
+from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 from services.regulator.path_request import turn_limits
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
-STIFFNESS_N_M, PRESS_N, FEED_M_S, LENGTH_M = 2e4, 10.0, 0.02, 0.03
+DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
+IN_PLACE_RAD_S = 0.3
+TURNS = TurnLimits(TURN_RAD_S, IN_PLACE_RAD_S)
+MOST_M, SLOW_S = 1.0, 0.05
+coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
+angles = st.floats(-0.5, 0.5).map(lambda x: round(x, 3))
+places = st.tuples(*[coordinates] * 3, *[angles] * 3)
+routes = st.lists(places, min_size=1, max_size=6)
+blends = st.sampled_from([0.0, 0.002, 0.02])
+
+
+def pose_at(place: tuple[float, ...]) -> pin.SE3:
+    """Return a pose of three coordinates and a rotation vector."""
+    return pin.SE3(pin.exp3(np.array(place[3:])), np.array(place[:3]))
+
+
+def start(**changes: float) -> PathCurve:
+    """Return a path without poses at the origin."""
+    return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURNS)
+
+
+def joined(path: PathCurve, poses: list[pin.SE3], blend_m: float) -> PathCurve:
+    """Return the path with more poses, all joined."""
+    path = path.extended(poses, blend_m)
+    while path.waiting:
+        path = path.joined()
+    return path
+
+
+def followed(path: PathCurve, dt_s: float = DT_S) -> list[PathCurve]:
+    """Return the path at each period until it stands at its end."""
+    passed = [path]
+    while passed[-1].pending:
+        assert len(passed) < 20_000, "the path does not end"
+        passed.append(passed[-1].advanced(dt_s, share=1.0, most_m=MOST_M))
+    return passed
+
+
+@settings(max_examples=10)
+@given(routes, blends)
+def test_the_feed_never_exceeds_its_limits_and_the_end_is_reached_exactly(route, blend_m) -> None:
+    """Travel, turn and acceleration of each period; the length that is left only falls."""
+    poses = [pose_at(place) for place in route]
+    passed = followed(start().extended(poses, blend_m), SLOW_S)
+    assert apart(passed[-1].T_reference, poses[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    for before, after in pairwise(passed):
+        moved_m, turned_rad = apart(before.T_reference, after.T_reference)
+        assert moved_m <= FEED_M_S * SLOW_S * 1.01
+        assert turned_rad <= TURN_RAD_S * SLOW_S * 1.05 + 1e-9
+        assert after.left_m <= before.left_m
+        assert after.now_m_s <= before.now_m_s + ACCEL_M_S2 * SLOW_S + 1e-12
+
+
+def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
+    """A blend of 3 mm is passed at the speed that its curvature and the acceleration permit."""
+    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
+    slowest = [
+        min(each.now_m_s for each in followed(start().extended(corner, blend_m))[20:-40])
+        for blend_m in (0.0, 0.003)
+    ]
+    assert slowest[0] < 0.003
+    assert slowest[1] == pytest.approx(FEED_M_S)
+
+
+def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
+    """A rotation has no direction of travel, so the path stops before and after it."""
+    turn = pose_at((0.0, 0.0, 0.0, 0.0, 0.0, 0.4))
+    path = joined(start(), [turn, turn, pose_at((0.01, 0, 0, 0, 0, 0.4))], 0.005)
+    assert len(path.pieces) == 2
+    assert path.pieces[0].length_m == pytest.approx(0.4 * ROTATION_RADIUS_M)
+    assert path.tangent == pytest.approx(np.zeros(3))
+    assert path.ends_m_s == (0.0, 0.0)
+    assert len(followed(path)) > 0.4 / IN_PLACE_RAD_S / DT_S
+
+
+@given(st.floats(0.0, 0.1), st.floats(1e-3, 1.0))
+def test_a_turn_that_the_travel_does_not_explain_has_a_speed_of_its_own(travel_m, angle) -> None:
+    """A tool that travels over a convex body turns as fast as its feed; in place it is slow."""
+    (piece,) = joined(start(), [pose_at((travel_m, 0, 0, 0, angle, 0))], 0.0).pieces
+    turn_rad_s = piece.fastest_m_s * angle / piece.length_m
+    explained = min(travel_m / (ROTATION_RADIUS_M * angle), 1.0)
+    assert turn_rad_s <= TURN_RAD_S * (1 + 1e-6)
+    assert turn_rad_s * (1.0 - explained) <= IN_PLACE_RAD_S * (1 + 1e-6)
+    assert turn_rad_s >= IN_PLACE_RAD_S * (1 - 1e-6)
+
+
+def test_a_blend_turns_its_tangent_by_half_in_the_middle() -> None:
+    """Of a right angle."""
+    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
+    _, blend, _ = joined(start(), corner, 0.005).pieces
+    assert blend.tangent(0.5 * blend.length_m) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])
+
+
+@settings(max_examples=20)
+@given(routes, blends)
+def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend_m) -> None:
+    """One is joined in each period, and the tool moves as on a curve that is joined at once."""
+    poses = [pose_at(place) for place in route]
+    lazy, whole = start().extended(poses, blend_m), joined(start(), poses, blend_m)
+    for count in range(100):
+        lazy = lazy.advanced(DT_S, share=1.0, most_m=MOST_M)
+        whole = whole.advanced(DT_S, share=1.0, most_m=MOST_M)
+        assert len(lazy.waiting) <= max(len(poses) - 1 - count, 0)
+        assert apart(lazy.T_reference, whole.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+# --- while the tool presses ---------------------------------------------------------------------
+
+STIFFNESS_N_M, PRESS_N, LENGTH_M = 2e4, 10.0, 0.03
 HELD = ForceStartRequest(
     mode="position", setpoint_N=PRESS_N, axes=(False, False, True) * 2, frame="tool"
 )
@@ -73,20 +182,6 @@ class PlateBench(FollowingBench):
         assert reply.text == "the tool follows 20 poses"
 
 
-@pytest.mark.parametrize("law", ["plain", "adaptive"])
-def test_the_end_of_a_path_is_reached_exactly_and_in_time(law: str) -> None:
-    """Pressed in by the set point; no step is longer than the speed limit."""
-    bench = PlateBench(HELD.replaced(law=law))
-    bench.follow_path()
-    bench.pass_s(LENGTH_M / FEED_M_S + 0.2)
-    target = bench.published()
-    assert (target.path_left_m, target.path_missed_m) == (0.0, 0.0)
-    away_m, away_rad = apart(bench.poses[-1], pose_of(bench.path().poses[-1]))
-    assert away_rad < 1e-6
-    assert away_m < 2e-5
-    assert max(bench.steps_m) <= CELL.force.speed_max_m_s * PERIOD_S * (1 + 1e-9)
-
-
 def test_without_contact_a_path_waits_or_goes_on_and_counts_what_it_missed() -> None:
     """Beyond the edge of the plate there is no force."""
     bench = PlateBench(edge_m=0.01)
@@ -106,9 +201,10 @@ def test_without_contact_a_path_waits_or_goes_on_and_counts_what_it_missed() -> 
     assert passed.path_missed_m == pytest.approx(LENGTH_M - 0.01, abs=1.5e-3)
 
 
-def test_the_feed_drops_while_the_force_is_wrong() -> None:
+@pytest.mark.parametrize("law", ["plain", "adaptive"])
+def test_the_feed_drops_while_the_force_is_wrong(law: str) -> None:
     """A jump of the surface slows the path until the force is there again."""
-    bench = PlateBench()
+    bench = PlateBench(HELD.replaced(law=law))
     bench.follow_path()
     bench.pass_s(0.5)
     assert bench.published().path_speed_m_s == pytest.approx(FEED_M_S)

@@ -82,10 +82,7 @@ def test_a_stiffness_is_identified_and_its_bound_is_rarely_too_soft(k, seed) -> 
 @settings(max_examples=10)
 @given(st.floats(0.02, 0.15), st.floats(0.1, 0.6), st.integers(0, 99))
 def test_the_delay_of_a_closed_loop_is_identified_from_its_step_response(tau_s, c, seed) -> None:
-    """The simulation differs from the fitted model, with 0.1 N of noise: within 6 ms.
-
-    The error is also within four stated deviations.
-    """
+    """The simulation differs from the fitted model: within four stated deviations, of 2 or 3 ms."""
     rate, dt_s = c / tau_s, 2e-4
     t = np.arange(0.0, 3.0, dt_s)
     force, late = np.full(len(t), 5.0), round(tau_s / dt_s)
@@ -98,7 +95,7 @@ def test_the_delay_of_a_closed_loop_is_identified_from_its_step_response(tau_s, 
     found = loop_delay(
         t[sampled], force[sampled] + noise, first_N=5.0, then_N=10.0, ramp_N_s=200.0, rate=rate
     )
-    assert found.tau_s == pytest.approx(tau_s, abs=6e-3)
+    assert found.deviation_s < 3.5e-3
     assert found.tau_s == pytest.approx(tau_s, abs=4.0 * found.deviation_s + 1e-3)
     assert found.bound_s == pytest.approx(found.tau_s + 2.0 * found.deviation_s)
 

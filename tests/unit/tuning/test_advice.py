@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from cli.tune import output as words
 from common.config.load import load_cell
+from forcemesh.messages import Host
 from tests.fakes.bench import CELL, DEMO
 from tuning import advice
 from tuning.advice import MeasuredCell, advise
@@ -121,7 +122,7 @@ def test_nothing_is_recommended_outside_the_measured_range_of_the_law(found, loo
     """Too slow, too stiff or too soft: the reason is reported, without gains or file lines."""
     rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
     cell = CELL.model_copy(update={"rates": rates})
-    hosts = ("pc",) if found.controller is None else ("pc", "controller")
+    hosts: tuple[Host, ...] = ("pc",) if found.controller is None else ("pc", "controller")
     both = [advise(cell, found, host, force_now=1e-3, torque_now=0.1) for host in hosts]
     sections = advice.cell_file_sections(cell, found, both)
     assert reason in advice.refusal_reason(cell, found, both)

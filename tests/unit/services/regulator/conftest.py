@@ -24,7 +24,7 @@ class Press(Lab):
         assert self.ask(topics.FORCE_START, request).accepted
 
     @property
-    def target(self) -> RegulatorTarget:
+    def published(self) -> RegulatorTarget:
         """Newest target of the regulator."""
         target: RegulatorTarget = self.now(self._target)
         return target
@@ -47,9 +47,9 @@ class Press(Lab):
 
     def stop_code(self, at_most_s: float) -> str:
         """Wait until the regulator has stopped and the arm has braked; return the code."""
-        self.cell.advance(at_most_s, lambda: not self.target.valid)
-        assert not self.target.valid
-        code = self.target.code
+        self.cell.advance(at_most_s, lambda: not self.published.valid)
+        assert not self.published.valid
+        code = self.published.code
         self.cell.advance(0.3)
         assert code in {trip.code for trip in self.status.trips}
         return code

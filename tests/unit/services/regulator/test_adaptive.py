@@ -240,6 +240,7 @@ def test_a_compliant_arm_is_identified_for_any_delay(k, late_s, seed) -> None:
     share = ARM_N_M / (ARM_N_M + k)
     assert 0.99 * share <= released(k, share * k, late_s) <= 1.125 * share
     assert released(k, share * k, noise_N=0.1, seed=seed) >= 0.9 * share
+    assert released(k, 0.1 * k) >= 1.0 / (1.0 + k / SOFTEST_ARM_N_M)
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e-2, 1e-2)] * 2, st.floats(-100, 100)), max_size=60))

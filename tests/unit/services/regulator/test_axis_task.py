@@ -4,7 +4,6 @@ Set points, springs and held axes of whole tasks: tests/scenario/test_force_axes
 """
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,9 @@ from hypothesis import strategies as st
 
 from common.motion.convert import pose_of, record_of, vec3
 from common.motion.frames import cross, plus, rotated, rotation_from_vector
-from forcemesh import topics
 from forcemesh.force_task import parse_task
 from forcemesh.messages import ZERO3, RegulatorTarget
-from forcemesh.requests import ForceStartRequest, PathRequest
+from forcemesh.requests import ForceStartRequest
 from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.axis_task import (
@@ -33,7 +31,6 @@ from services.regulator.axis_task import (
 from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
 from services.regulator.law import LawInput, LawSettings, next_motion, start_at
 from services.regulator.task_request import first_setpoint, next_setpoint, ramped, request_task
-from services.regulator.tcp_path import advance, path_along, tangent_frame
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.law_input import DT_S, GAINS, START, mode_input
@@ -143,6 +140,12 @@ def test_no_axis_moves_beyond_its_deviation_or_faster_than_the_cell_permits(
         assert not at_limit or (limit is not None and abs(away) > 0.99 * limit)
     if abs(torque_Nm[2]) > 1.0:
         assert state.at_limit[5]
+
+
+def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
+    """One period moves the tool by at most the limit of force feedback, in any axes."""
+    task = AxisTask((True, True, False), shifts=(None, None, VirtualMass()))
+    _, motion, sample = pushed(task, (40.0, 40.0, 40.0), periods=30)
     moved_m = motion.T_base_tcp.translation - sample.motion.T_base_tcp.translation
     assert np.linalg.norm(moved_m) <= PLAIN.speed_max_m_s * DT_S + 1e-12
 
@@ -211,7 +214,7 @@ def test_the_target_holds_the_state_of_each_axis() -> None:
 def test_the_controller_gets_set_points_in_base_and_gains_of_free_axes() -> None:
     """A held axis has gain zero; while one is held it turns about the TCP."""
     bench = RegulatorBench(BOTH_HOSTS)
-    bench.push((1.0, 0.0, 8.0))
+    bench.push((1.0, 0.0, 8.0), (0.2, 0.1, 0.0))
     bench.pass_s(0.1)
     asked = "z=force:-5 y=force:2 rx=torque:0.1 ry=torque:0"
     assert bench.start(request(asked, "base", host="controller")).accepted
@@ -277,49 +280,10 @@ def test_a_set_point_within_noise_is_not_searched_for(setpoint_N: float, contact
     assert bench.published().contact == contact
 
 
-def test_the_frame_of_a_path_turns_with_it() -> None:
-    """The lateral axis stays lateral; at the end of the path the frame keeps its direction."""
-    bench = FollowingBench()
-    bench.push((0.0, 0.0, 8.0))
-    assert bench.start(request("z=force:8 y=force:0", "path", law="adaptive")).accepted
-    bench.pass_s(0.1)
-    begin = bench.p_tcp_m
-    corner = begin + np.array([0.0, 0.01, 0.0])
-    points_m = tuple(corner), tuple(corner + np.array([0.01, 0.0, 0.0]))
-    path = PathRequest(points_m=points_m, speed_m_s=0.02)
-    assert bench.ask(topics.FORCE_PATH, path).accepted
-    bench.pass_s(0.3)
-    R_path = np.array(bench.service._session.goal.R_task)
-    assert R_path[:, 0] == pytest.approx([0.0, 1.0, 0.0], abs=0.05)
-    bench.push((5.0, 0.0, 8.0))  # lateral: the tool yields, and the path goes along with it
-    bench.pass_s(0.1)
-    assert bench.p_tcp_m[0] - begin[0] > 1e-5
-    bench.push((0.0, 0.0, 8.0))
-    bench.pass_s(2.0)
-    assert bench.published().path_left_m == pytest.approx(0.0, abs=1e-3)
-    R_path = np.array(bench.service._session.goal.R_task)
-    assert R_path[:, 0] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
-
-
-def test_a_tangent_frame_turns_no_faster_than_its_limit() -> None:
-    """Lateral set points turn with it; at a reached point it keeps its direction."""
-    path = path_along(
-        (np.array([0.0, 0.01, 0.0]),), speed_m_s=0.02, accel_m_s2=1.0, in_contact=False
-    )
-    ahead = path.ahead(pin.SE3.Identity())
-    R = np.array(tangent_frame(IDENTITY, ahead, np.eye(3), 0.01))
-    assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(0.06)
-    there = path.ahead(pin.SE3(np.eye(3), path.points[0]))
-    assert np.array(tangent_frame(IDENTITY, there, np.eye(3), 0.01)) == pytest.approx(np.eye(3))
-
-
 # --- hand guiding -------------------------------------------------------------------------------
 
 GUIDING = AdmittanceSettings.of(CELL)
-PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
 SPEED = CELL.force.speed_max_m_s
-coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
-points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_size=6)
 
 
 def guided(force_N, seconds: float, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -381,69 +345,3 @@ def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -
     resting = np.array(forces[400:600])
     assert resting.std() < 0.5
     assert resting.mean() == pytest.approx(10.0, abs=GUIDING.plain.deadband_N + 0.5)
-
-
-# --- a path ---------------------------------------------------------------------------------------
-
-
-@settings(max_examples=20)
-@given(points, st.floats(0.005, 0.2), st.floats(0.1, 2.0))
-def test_a_path_visits_its_points_across_the_axis_within_its_speed(
-    direction, speed_m_s, accel_m_s2
-) -> None:
-    """Each point is passed within a period's travel, without motion along the axis."""
-    R = pin.exp3(np.array([-np.arcsin(0.6), 0.0, 0.0]))
-    axis, p = R[:, 2], np.zeros(3)
-    route = path_along(
-        tuple(direction), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
-    )
-    rest, visited, speeds = np.zeros(3), [p], [0.0]
-    left_m = route.report(pin.SE3(R, p))["path_left_m"]
-    expected_s = left_m / speed_m_s + len(direction) * speed_m_s / accel_m_s2 + 1.0
-    for _ in range(round(3.0 * expected_s / PERIOD_S)):
-        route, shift = advance(route, p, axis, dt_s=PERIOD_S, pushed_m=rest, most_m=1.0)
-        p = p + shift
-        visited.append(p)
-        speeds.append(route.now_m_s)
-        assert np.linalg.norm(shift) <= route.now_m_s * PERIOD_S * (1 + 1e-9)
-        assert abs(float(shift @ axis)) < 1e-12
-    assert not route.points
-    assert max(speeds) <= speed_m_s * (1 + 1e-9)
-    rises = [b - a for a, b in pairwise(speeds)]
-    assert max(rises) <= accel_m_s2 * PERIOD_S * (1 + 1e-9)
-    for point in direction:
-        across = np.array(visited) - point
-        across -= np.outer(across @ axis, axis)
-        assert np.linalg.norm(across, axis=1).min() < max(1e-5, speed_m_s * PERIOD_S)
-
-
-def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
-    """It reports the remaining path, waits without contact, and stops on request."""
-    bench = FollowingBench()
-    bench.push((0.0, 0.0, 5.0))
-    bench.start(PRESS)
-    bench.pass_s(0.1)
-    start = bench.p_tcp_m
-    ahead = tuple(tuple(start + np.array([x, 0.0, 0.3])) for x in (0.01, 0.02))
-    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.04)).accepted
-    bench.pass_s(0.2)
-    halfway = bench.p_tcp_m
-    assert 0.002 < halfway[0] - start[0] < 0.01
-    assert bench.published().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
-    bench.push()
-    bench.pass_s(0.2)
-    stopped_at = bench.p_tcp_m
-    bench.pass_s(0.2)
-    assert bench.p_tcp_m[:2] == pytest.approx(stopped_at[:2], abs=1e-9)
-    bench.push((0.0, 0.0, 5.0))
-    bench.pass_s(1.0)
-    assert bench.p_tcp_m[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
-    assert bench.published().path_left_m == 0.0
-    more = PathRequest(points_m=(tuple(start),), append=True)
-    assert bench.ask(topics.FORCE_PATH, more).accepted
-    bench.pass_s(0.3)
-    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted
-    bench.pass_s(0.1)
-    stopped_at = bench.p_tcp_m
-    bench.pass_s(0.3)
-    assert bench.p_tcp_m == pytest.approx(stopped_at, abs=1e-9)

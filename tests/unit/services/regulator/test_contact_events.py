@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.config.load import load_cell
 from common.motion.convert import vec3
 from forcemesh import topics
 from forcemesh.codec import decode
@@ -31,7 +32,7 @@ from services.regulator.contact_events import (
 from services.regulator.law import Contact
 from services.regulator.service import Regulator
 from tests.fakes.arbiter_world import T_START
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 
 PERIOD_NS = 4_000_000
@@ -179,7 +180,7 @@ def test_a_job_with_force_feedback_has_each_state_once() -> None:
     assert impact.position_m == pytest.approx(run.T.translation - [0.02, 0.0, 0.0], abs=1e-9)
     assert contact.before_s == pytest.approx(IMPACT_S)
     began_ns = impact.since_ns + round(0.6e9)
-    assert 0.0 < (sliding.since_ns - began_ns) / 1e9 < LATE_S
+    assert SLIDE_STEADY_S < (sliding.since_ns - began_ns) / 1e9 < LATE_S
     assert lost.slid_m == pytest.approx(0.02, abs=0.02 * LATE_S)
     assert free.before_s == pytest.approx(LOST_S)
 
@@ -206,6 +207,12 @@ def test_without_force_feedback_an_accelerated_tool_is_no_contact() -> None:
     assert run.play([Phase(0.5, 1.01 * LIMITS.release_N)]) == ["free", "impact", "contact"]
     assert run.play([Phase(0.5, 0.99 * LIMITS.release_N)])[3:] == ["lost", "free"]
     assert run.events[1].normal == (0.0, 0.0, 1.0)
+
+
+def test_the_window_of_the_speed_is_three_reports_on_a_slow_link() -> None:
+    """With fewer a single rounded pose would slide."""
+    slow = load_cell(DEMO, {"rates.robot_hz": 25.0, "rates.status_hz": 10.0})
+    assert ContactSettings.of(slow).window_ns == pytest.approx(3e9 / 25.0)
 
 
 TOUCH, AIR = Phase(0.02, 8.0, law="contact"), Phase(0.05, law="approach")

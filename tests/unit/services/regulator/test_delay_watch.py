@@ -125,7 +125,7 @@ def test_a_delay_that_grows_from_10_to_40_ms_lowers_the_gains_before_the_force_o
     if not is_watched:
         monkeypatch.setattr(DelayWatch, "ramp", lambda *_: None)
     assert ripple_N(press.forces_N(1.2)[-200:]) < 1.0
-    assert press.target.gain_share == 1.0
+    assert press.published.gain_share == 1.0
     arm: Any = press.cell.arm
     arm._line = LaterLine(arm._line, LONGER_BY_MS)  # a fault of the arm
     press.start(SECOND_SETPOINT_N)
@@ -135,7 +135,7 @@ def test_a_delay_that_grows_from_10_to_40_ms_lowers_the_gains_before_the_force_o
         return
     assert ripple_N(forces_N[-500:]) < 1.0
     assert forces_N[-1] == pytest.approx(SECOND_SETPOINT_N, abs=0.6)
-    target, tau_s = press.target, press.cell.cell.loop_delay_s
+    target, tau_s = press.published, press.cell.cell.loop_delay_s
     assert target.valid
     assert target.modelled_round_trip_s == tau_s
     assert target.round_trip_s == pytest.approx(tau_s + 0.03, abs=0.004)
@@ -152,17 +152,17 @@ def test_an_oscillation_lowers_the_gains_and_the_press_goes_on() -> None:
         force__approach_m_s=0.001,
     )  # fmt: skip
     forces_N = press.forces_N(5.0)
-    target = press.target
+    target = press.published
     assert target.valid
     assert target.gain_share in (0.5, 0.25)
     assert forces_N[-1] == pytest.approx(SETPOINT_N, abs=0.6)
     press.start(SECOND_SETPOINT_N)  # the lowered gains stay
     assert ripple_N(press.forces_N(1.5)[-200:]) < 1.0
-    assert press.target.gain_share == target.gain_share
+    assert press.published.gain_share == target.gain_share
     press.ask(topics.FORCE_STOP, Empty())
     press.start(SETPOINT_N)
     press.cell.advance(0.1)
-    assert press.target.gain_share == 1.0  # until the session ends
+    assert press.published.gain_share == 1.0  # until the session ends
 
 
 # --- on the controller ----------------------------------------------------------------------------

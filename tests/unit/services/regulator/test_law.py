@@ -216,7 +216,7 @@ def test_turning_keeps_the_point_of_contact(r, force_N, free_Nm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("force_N", "lever_m"), [(0.95, 0.0), (1.05, 0.05), (40.0, 0.05), (1.05, 5.0)]
+    ("force_N", "lever_m"), [(0.95, 0.05), (1.05, 0.05), (40.0, 0.05), (1.05, 5.0)]
 )
 def test_a_lever_below_the_noise_is_not_fed_forward(force_N: float, lever_m: float) -> None:
     """There is no lever below the touch force and never more than 0.1 m: it turns about the TCP."""

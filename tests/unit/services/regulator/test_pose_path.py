@@ -21,6 +21,7 @@ from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.regulator import service
 from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 from services.regulator.path_request import turn_limits
+from services.regulator.pose_path import is_missed
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
@@ -86,6 +87,22 @@ def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
     ]
     assert slowest[0] < 0.003
     assert slowest[1] == pytest.approx(FEED_M_S)
+
+
+def test_it_brakes_over_several_short_pieces() -> None:
+    """Not only in the last one."""
+    route = [pose_at((1e-4 * number, 0, 0, 0, 0, 0)) for number in range(1, 60)]
+    passed = followed(joined(start(), route, 0.0))
+    for before, after in pairwise(passed):
+        assert before.now_m_s - after.now_m_s <= 2.0 * ACCEL_M_S2 * DT_S + 1e-9
+
+
+def test_a_corner_that_is_near_already_is_blended_without_a_jump() -> None:
+    """The blend begins no earlier than where the tool is."""
+    near = followed(start().extended([pose_at((0.02, 0, 0, 0, 0, 0))], 0.0))[-20]
+    after = near.extended([pose_at((0.02, 0.02, 0, 0, 0, 0))], 0.01).joined()
+    assert apart(near.T_reference, after.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert after.pieces[0].length_m - after.done_m >= -1e-9
 
 
 def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
@@ -216,6 +233,12 @@ def test_the_feed_drops_while_the_force_is_wrong(law: str) -> None:
     assert 0.0 < min(speeds_m_s) < 0.5 * FEED_M_S
     bench.pass_s(0.2)
     assert bench.published().path_speed_m_s == pytest.approx(FEED_M_S)
+
+
+def test_a_path_is_missed_at_an_error_of_a_fifth_of_the_set_point() -> None:
+    """And of 1 N at least."""
+    assert [is_missed(error_N, 10.0) for error_N in (1.9, -2.1)] == [False, True]
+    assert [is_missed(error_N, 0.0) for error_N in (0.9, 1.1)] == [False, True]
 
 
 def test_a_path_waits_for_a_tool_that_limits_keep_behind() -> None:

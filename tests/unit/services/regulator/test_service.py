@@ -1,5 +1,7 @@
 """The regulator on the bus: start and stop by request, refusals with a reason, gains."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -172,7 +174,7 @@ gains = st.floats(0.0, 5e-3).map(
     lambda gain: GainsRequest(force_i_m_per_Ns=(gain,) * 3, accept_unstable=True)
 )
 requests = st.one_of(starts, starts, gains, st.just(Empty()))
-TOPICS = {
+TOPICS: dict[type, topics.Request[Any]] = {
     ForceStartRequest: topics.FORCE_START,
     GainsRequest: topics.GAINS,
     Empty: topics.FORCE_STOP,

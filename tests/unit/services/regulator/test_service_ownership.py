@@ -72,7 +72,8 @@ def test_any_client_ends_force_control_and_the_next_may_start(bench, end) -> Non
     assert Client(bench, "operator", "a").start().accepted
     bench.pass_s(5.0)
     program = Client(bench, "program", "b")
-    assert program.ask(topics.GAINS, GainsRequest()).gains == tune(CELL).gains
+    asked = program.ask(topics.GAINS, GainsRequest())
+    assert (asked.accepted, asked.gains) == (True, tune(CELL).gains)
     assert program.start().code == "busy"
     if end == "stop":
         assert bench.ask(topics.FORCE_STOP, Empty()).accepted

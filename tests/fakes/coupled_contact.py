@@ -1,11 +1,8 @@
 """Contact whose stiffness is diagonal in none of the frames: a tool held in a skewed bushing.
 
-In place of the plate of a simulated arm. The wrench on the disc is linear in its deviation from
-where the bushing was put on:
+In place of the plate of a simulated arm. T is the relaxation time, K positive definite:
 
     (F, M) = -K (x + T v),    K = A^T diag(k) A
-
-T is the relaxation time. K is positive definite, so the contact is passive.
 """
 
 from typing import Any
@@ -22,21 +19,12 @@ class CoupledContact:
     """Bushing around the disc; it has the interface of `PlateContact`."""
 
     def __init__(self, arm: SimArm, K: np.ndarray) -> None:
-        """Put it on at the present pose, without load.
-
-        Args:
-            arm: Whose plate it replaces.
-            K: Stiffness in base axes, about the TCP. Shape (6, 6).
-        """
-        self.K, self._arm = K, arm
+        """Put it on at the present pose, without load; K in base axes about the TCP, (6, 6)."""
+        self.K, self._arm, self._body = K, arm, arm.model.body("disc").id
         self.point_m, self.normal = arm.plate.point_m - 1.0, arm.plate.normal  # far below
         self.springs: Any = arm.plate.springs
-        self._body = arm.model.body("disc").id
-        data = arm.data
-        self._p_m, self._R = (
-            data.xpos[self._body].copy(),
-            data.xmat[self._body].reshape(3, 3).copy(),
-        )
+        self._p_m = arm.data.xpos[self._body].copy()
+        self._R = arm.data.xmat[self._body].reshape(3, 3).copy()
 
     def shift(self, travel_m: np.ndarray, turn_rad: np.ndarray) -> None:
         """Move the bushing, which loads the tool. Base axes, shapes (3,)."""
@@ -59,14 +47,10 @@ class CoupledContact:
 def skewed_stiffness(
     rng: np.random.Generator, k_N_m: tuple[float, ...], k_Nm_rad: tuple[float, ...]
 ) -> np.ndarray:
-    """Return a stiffness with these principal values, in random axes about a random point.
-
-    Shape (6, 6), base axes.
-    """
+    """Return a stiffness in random axes about a random point. Shape (6, 6), base axes."""
     along, about = (pin.Quaternion(rng.normal(size=4)).normalized().matrix() for _ in range(2))
-    K = np.zeros((6, 6))
+    K, A = np.zeros((6, 6)), np.eye(6)
     K[:3, :3] = along @ np.diag(k_N_m) @ along.T
     K[3:, 3:] = about @ np.diag(k_Nm_rad) @ about.T
-    A = np.eye(6)
     A[:3, 3:] = -pin.skew(rng.uniform(-0.01, 0.01, 3))  # the centre of stiffness is not the TCP
     return A.T @ K @ A

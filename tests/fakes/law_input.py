@@ -4,27 +4,32 @@ from typing import Any
 
 import pinocchio as pin
 
-from forcemesh.messages import Mode, Vec3
+from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion
+from services.regulator.law import LawInput, LawMotion, start_at
+from tests.fakes.arbiter_world import CELL, T_START
+from tuning.gain_rule import tune
+
+DT_S = 0.004
+GAINS = PiGains.of(tune(CELL).gains)
+START = T_START * CELL.tool.T_flange_tcp.pose  # of the TCP: the tool points down
 
 
 def mode_input(
-    force_N: Vec3,
-    torque_Nm: Vec3,
-    setpoint_N: float,
-    mode: Mode,
-    dt_s: float,
-    gains: PiGains,
-    motion: LawMotion,
-    T_measured: pin.SE3,
-    frame: str = "base",
-    axes: tuple[bool, ...] = (True,) * 6,
+    force_N: Vec3 = ZERO3,
+    torque_Nm: Vec3 = ZERO3,
+    setpoint_N: float = 0.0,
+    mode: Mode = "position",
+    dt_s: float = DT_S,
+    gains: PiGains = GAINS,
+    motion: LawMotion | None = None,
+    T_measured: pin.SE3 | None = None,
     **others: Any,
 ) -> LawInput:
-    """Return a sample whose task is that of a mode, a set point and free axes."""
+    """Return a sample whose task is that of a mode and a set point."""
+    motion = motion or start_at(START)
+    T_measured = T_measured or motion.T_base_tcp
     press_axis = T_measured.rotation[:, 2].tolist()
-    in_base = frame == "base"
-    task = mode_task(mode, setpoint_N, axes=axes, in_base=in_base, press_axis=press_axis)
+    task = mode_task(mode, setpoint_N, in_base=True, press_axis=press_axis)
     return LawInput(force_N, torque_Nm, task, dt_s, gains, motion, T_measured, **others)

@@ -26,6 +26,9 @@ from tuning.gain_rule import tune
 
 T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
 POSITION = ForceStartRequest(mode="position")
+BOTH_HOSTS = CELL.model_copy(
+    update={"robot": CELL.robot.model_copy(update={"hosts": ("pc", "controller")})}
+)
 PERIOD_S = 1.0 / CELL.rates.control_hz
 KI = tune(CELL).force_i_m_per_Ns
 

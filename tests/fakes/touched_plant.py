@@ -25,7 +25,7 @@ class TouchedPlant(RegulatorBench):
         super().__init__(cell)
         self.robot: RobotState
         self.wiring = np.eye(3) if wiring is None else wiring
-        self.checked = axes_checked
+        self.checked, self.calibration = axes_checked, "cell file, tared"
         self.k_N_m = np.zeros(3)  # of a contact that sticks
         self.p_rest_m = self.p_m  # where it exerts no force
         self.p_hand_m: Array | None = None
@@ -71,6 +71,6 @@ class TouchedPlant(RegulatorBench):
             self.truth_N = self.truth_N + HAND_N_M * (self.p_hand_m - self.p_m)
         self.wrench = WrenchAtTcp(
             force_N=vec3(self.wiring @ self.truth_N),
-            calibration="cell file, tared",
+            calibration=self.calibration,
             axes_checked=self.checked,
         )

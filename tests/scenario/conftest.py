@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from tests.chaos.common_net import free_port, make_cell
-from tests.fakes.bench import HALF_RATES
 from tests.repeats import real_time
 
 ROOT = Path(__file__).parents[2]
@@ -26,12 +25,6 @@ LIGHT: dict[str, Any] = {
     "deadlines": {"command_s": 0.4, "sensor_s": 0.4},
     "force.approach_m_s": 0.005,
 }
-# Half the demo's rates: a motion of 20 ms is measured in whole periods of the control.
-HALF: dict[str, Any] = {
-    "rates": HALF_RATES,
-    "force.approach_m_s": 0.01,
-}
-
 HERE = Path(__file__).parent
 
 
@@ -46,41 +39,33 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 Start = Callable[..., subprocess.Popen[str]]
 
 
+def alone(name: str, tmp_path: Path, scheme: str, **more: Any) -> Path:
+    """Return the file of a light cell on a port and in a run folder of this test alone."""
+    port = free_port()
+    places = {"cell": f"{name}-{port}", "bus.endpoint": f"{scheme}/127.0.0.1:{port}"}
+    return make_cell(name, tmp_path, places | LIGHT | more)[1]
+
+
 @pytest.fixture
 def cell_file(tmp_path, monkeypatch) -> Path:
-    """The demo's cell, light, under a name, an endpoint and a run folder of this test alone."""
+    """The demo's cell."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    port = free_port()
-    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}", **LIGHT}
-    return make_cell("demo", tmp_path, overrides)[1]
+    return alone("demo", tmp_path, "tcp")
 
 
 @pytest.fixture
 def tcp_cell_file(tmp_path, monkeypatch) -> Path:
-    """The cell of gateway and emulated controller, light, on ports of this test alone."""
+    """The cell of gateway and emulated controller."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    port = free_port()
-    overrides = {
-        "cell": f"tcp-{port}",
-        "bus.endpoint": f"tcp/127.0.0.1:{port}",
-        "gateway.port": free_port(),
-        **LIGHT,
-        "rates": {**LIGHT["rates"], "robot_hz": 40},
-    }
-    return make_cell("demo-tcp", tmp_path, overrides)[1]
+    changes = {"gateway.port": free_port(), "rates": {**LIGHT["rates"], "robot_hz": 40}}
+    return alone("demo-tcp", tmp_path, "tcp", **changes)
 
 
 @pytest.fixture
 def tls_cell_file(tmp_path, monkeypatch) -> Path:
-    """The demo's cell, light, with certificates of its own in `pki`, on a port of this test."""
+    """The demo's cell with certificates of its own in `pki`."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    overrides = {
-        "cell": "secured",
-        "bus.endpoint": f"tls/127.0.0.1:{free_port()}",
-        "bus.tls": {"folder": str(tmp_path / "pki")},
-        **LIGHT,
-    }
-    _, path = make_cell("demo", tmp_path, overrides)
+    path = alone("demo", tmp_path, "tls", **{"bus.tls": {"folder": str(tmp_path / "pki")}})
     result = CliRunner().invoke(app, ["pki", "init", "--cell", str(path)])
     assert result.exit_code == 0, result.output
     return path
@@ -110,3 +95,13 @@ def start() -> Iterator[Start]:
             return process
 
         yield run
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> None:
+    """Read the standard error of a process until a text is in it."""
+    stream, progress = process.stderr, ""
+    assert stream is not None
+    while text not in progress:
+        line = stream.readline()
+        assert line, f"it ended without {text!r}: {progress}"
+        progress += line

@@ -14,8 +14,7 @@ import yaml
 from common.config.evidence import read_evidence
 from common.config.load import dump_cell, load_cell
 from tests.chaos.common_net import free_port, make_cell
-from tests.scenario.conftest import ROOT, Start
-from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.conftest import ROOT, Start, wait_for
 
 PATIENCE_S = 240.0  # of the test, not of the cell: a loaded machine is slow
 STEP_MS = "0.125"

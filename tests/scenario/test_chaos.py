@@ -79,13 +79,6 @@ def test_a_double_fault_hits_two_processes_and_never_robot_or_arm_second():
         assert case.frozen_s == (frozen_s if "freeze" in case.kind or "frozen" in case.kind else 0)
 
 
-@pytest.mark.parametrize("name", ["", "hub", "hub/kill", "hub/kill/press/1", "hub/sing/press"])
-def test_an_invalid_name_is_refused(name):
-    """An invalid name is refused with the list of valid ones."""
-    with pytest.raises(ValueError, match="must be hub"):
-        named(name)
-
-
 def path(*speeds_m_s: float) -> FlangePath:
     """Return a flange path with one speed for each millisecond, starting at the origin."""
     count = len(speeds_m_s)

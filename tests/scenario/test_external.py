@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from common.bus.cell_bus import open_bus
-from common.config.load import load_cell
 from forcemesh import topics
-from launch.processes import Supervisor, processes_of
+from launch.processes import Supervisor
 from tests.chaos.common_net import ROOT, CellUnderTest, free_port, make_cell
 from tests.scenario.conftest import LIGHT, PATIENCE_S
 
@@ -22,12 +21,6 @@ from common.runtime.service import main
 from sim.robot.service import SimRobot
 main(("robot", "sensor"), SimRobot)
 """
-
-
-def test_the_cell_starts_neither_robot_nor_sensor() -> None:
-    """Its own processes are those of the other roles."""
-    cell = load_cell(ROOT / "cells" / "demo.yaml", EXTERNAL)
-    assert not {"robot", "sensor"} & {role for each in processes_of(cell) for role in each.roles}
 
 
 def test_another_process_plays_the_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

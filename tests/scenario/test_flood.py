@@ -21,14 +21,13 @@ from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.codec import encode_record
 from forcemesh.inbox import MOST_AT_ONCE
-from forcemesh.messages import Health
 from forcemesh.requests import Empty
 from forcemesh.zenoh_session import ZenohTransport
-from tests.chaos import flood, soak
+from tests.chaos import flood
 from tests.chaos.common_net import free_port, make_cell, running_cell
 from tests.chaos.flood_peer import session_of
-from tests.chaos.witness import ROW, Witness, witness
-from tests.scenario.conftest import HALF, LIGHT
+from tests.chaos.witness import witness
+from tests.scenario.conftest import LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
@@ -115,49 +114,6 @@ def test_a_transport_reports_its_longest_put(cell):
         assert transport.longest_put_s(0) >= transport.longest_put_s(between_ns) > 0.0
 
 
-def watching(tmp_path: Path, late_ns: int) -> Witness:
-    """Return a witness that was late once, one second after the start of the clock."""
-    path = tmp_path / "witness.bin"
-    path.write_bytes(ROW.pack(1_000_000_000, late_ns) + ROW.pack(1_004_000_000, 0) + b"half")
-    return Witness([path])
-
-
-@pytest.mark.parametrize("stall_ms", [0, 100])
-def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, stall_ms):
-    """The evaluation: late alone is a miss, late together with an idle process is not."""
-    loop = flood.Loop("arbiter")
-    health = Health(longest_gap_s=0.05, numbers={"put_max_s": 0.2})
-    loop.take(health, 1_500_000_000, watching(tmp_path, stall_ms * 1_000_000))
-
-    assert loop.overdue == loop.slow_puts == (0 if stall_ms else 1)
-    assert (loop.gap_s, loop.put_s) == (0.05, 0.2)
-
-
-def test_a_loop_that_is_on_time_is_not_overdue(tmp_path):
-    """The evaluation: a gap within the shortest deadline is no violation."""
-    loop = flood.Loop("arbiter")
-    loop.take(Health(longest_gap_s=0.019), 1_500_000_000, watching(tmp_path, 0))
-
-    assert loop.overdue == loop.slow_puts == 0
-
-
-def test_a_process_that_grows_or_leaks_is_detected():
-    """The evaluation: a line fit of the memory, and files that are not closed."""
-    body = soak.ProcessUsage(1)
-    body.at_s = [float(n) for n in range(100)]
-    body.resident_b = [5e7 + 2000.0 * n for n in range(100)]
-    body.files = [20] * 99 + [21]
-
-    assert body.growth_b(600.0) == pytest.approx(1.2e6)
-    assert body.leaked == 1
-
-
-@pytest.mark.parametrize(("over_s", "most_b"), [(6.0, 410_000), (60.0, 500_000), (600.0, 1e6)])
-def test_a_short_soak_has_a_small_bound(over_s, most_b):
-    """In 6 s, a process that keeps a third of the messages of a 1 kHz sensor is detected."""
-    assert soak.most_growth_b(over_s) == pytest.approx(most_b)
-
-
 @pytest.fixture
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]]:
     """Return a real cell that presses, and its client.
@@ -190,18 +146,3 @@ def test_a_frozen_viewer_and_a_flood_delay_no_process(pressing):
     assert frozen.mistakes == []
     assert flooded.mistakes == []
     assert json.loads(sent)["questions"] > 30
-
-
-@pytest.mark.processes
-def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
-    """The soak test at its shortest: a round, no growth, no open files, no false hold.
-
-    A miss here is a missed deadline of its cell, at half the demo's rates; `tests.chaos.soak`
-    requires of one at full rate, on a machine without other load, 20 ms in 999 of 1000 messages.
-    """
-    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    late_s = LIGHT["deadlines"]["sensor_s"]
-    soak_run = soak.soak(minutes=0.1, changes={**LIGHT, **HALF}, late_s=late_s)
-
-    assert soak_run.rounds >= 1
-    assert soak_run.mistakes == []

@@ -6,7 +6,6 @@ millisecond counts, not the measured one. A loop over TCP promises less.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -75,9 +74,7 @@ def pushes_N(world: VirtualCell, active: Callable[[], bool]) -> list[float]:
         (OVER_TCP, "hemisphere", 0.0, 1.5),
     ],
 )
-def test_the_force_stays_on_its_set_point_along_the_path(
-    path: Path, surface: str, tilt_deg: float, most_N: float
-) -> None:
+def test_the_force_stays_on_its_set_point_along_the_path(path, surface, tilt_deg, most_N) -> None:
     """The mean error after the first second, and never twice the set point."""
     config = load_cell(
         path, CELL | RATES[path] | {"sim.surface": surface, "sim.tilt_deg": tilt_deg}

@@ -26,37 +26,29 @@ def drift(result: str, name: str, cases: CaseTable, places: Iterable[int]) -> li
     return [pair for pair in pairs if pair[0] != pair[1]]
 
 
-@pytest.mark.parametrize("mode", settling.MODES)
-def test_the_releases_of_the_demo_settle_as_stored(mode) -> None:
-    """Settling, tau and overshoot of one mode, in every place."""
-    places = [place for place, case in enumerate(settling.CASES) if case.mode == mode]
-    assert drift("settling", "rows", settling.ROWS, places) == []
-
-
-@pytest.mark.parametrize("number", range(0, len(over_tcp.CASES), 30))
-def test_a_release_over_tcp_settles_as_stored(number: int) -> None:
-    """One of thirty rows: all of them take a quarter of an hour."""
-    assert drift("over-tcp", "rows", over_tcp.ROWS, [number]) == []
-
-
 @pytest.mark.parametrize(
-    ("name", "step"),
+    ("result", "name", "cases", "step"),
     [
-        ("slow-loops", 1),
-        ("over-tcp", 5),
-        ("limited-speed", 2),
-        ("release", 16),
-        ("slow-brakes", 12),
-        ("one-gain", 11),
-        ("press", 7),
-        ("slope", 7),
-        ("guide-to-a-wall", 7),
+        ("settling", "rows", settling.ROWS, 3),
+        ("over-tcp", "rows", over_tcp.ROWS, 30),
+        ("force", "slow-loops", TABLES["slow-loops"], 1),
+        ("force", "over-tcp", TABLES["over-tcp"], 5),
+        ("force", "limited-speed", TABLES["limited-speed"], 2),
+        ("force", "release", TABLES["release"], 16),
+        ("force", "slow-brakes", TABLES["slow-brakes"], 12),
+        ("force", "one-gain", TABLES["one-gain"], 11),
+        ("force", "press", TABLES["press"], 7),
+        ("force", "slope", TABLES["slope"], 7),
+        ("force", "guide-to-a-wall", TABLES["guide-to-a-wall"], 7),
+        *(("force-axes", name, cases, len(cases.cases)) for name, cases in axes.TABLES.items()),
+        ("faults", "rows", faults.ROWS, 20),
+        ("sensor-faults", "faults", sensor_faults.FAULT_ROWS, 3),
+        ("sensor-faults", "wirings", sensor_faults.WIRING_ROWS, 12),
     ],
 )
-def test_rows_of_the_force_bench_are_as_stored(name: str, step: int) -> None:
+def test_rows_measured_again_are_as_stored(result, name, cases, step) -> None:
     """All or some of a table; the whole bench takes a long time."""
-    cases = TABLES[name]
-    assert drift("force", name, cases, range(0, len(cases.cases), step)) == []
+    assert drift(result, name, cases, range(0, len(cases.cases), step)) == []
 
 
 def test_a_path_with_force_is_as_stored() -> None:
@@ -64,24 +56,3 @@ def test_a_path_with_force_is_as_stored() -> None:
     (place,) = (n for n, case in enumerate(paths.ROWS.cases)
                 if case == paths.PathCase("adaptive", *paths.PROMISED))  # fmt: skip
     assert drift("force-path", "rows", paths.ROWS, [place]) == []
-
-
-@pytest.mark.parametrize("name", axes.TABLES)
-def test_tasks_per_axis_are_as_stored(name: str) -> None:
-    """The first case of the adaptive law."""
-    assert drift("force-axes", name, axes.TABLES[name], [0]) == []
-
-
-@pytest.mark.parametrize("number", range(0, len(faults.ROWS.cases), 20))
-def test_a_fault_in_motion_is_as_stored(number: int) -> None:
-    """One of twenty."""
-    assert drift("faults", "rows", faults.ROWS, [number]) == []
-
-
-def test_faults_and_wirings_of_the_sensor_are_as_stored() -> None:
-    """Every third fault, and one of twelve wirings."""
-    for name, cases, step in (
-        ("faults", sensor_faults.FAULT_ROWS, 3),
-        ("wirings", sensor_faults.WIRING_ROWS, 12),
-    ):
-        assert drift("sensor-faults", name, cases, range(0, len(cases.cases), step)) == []

@@ -14,8 +14,7 @@ from forcemesh.messages import MAY_MOVE
 from tests.chaos.common_net import CellUnderTest, free_port
 from tests.fakes.waiting import wait_until
 from tests.hostile.client import connected
-from tests.scenario.conftest import PATIENCE_S, ROOT
-from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.conftest import PATIENCE_S, ROOT, wait_for
 
 STILL_RAD = 1e-3
 MESSAGES = 2000

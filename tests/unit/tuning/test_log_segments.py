@@ -1,13 +1,35 @@
-"""Segments of a log: by its set point, or by the steps of the force itself."""
+"""Parts of a log: gaps, segments by set point or force, clipping, drift, and frequencies."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.fakes.force_logs import first_order, noise, second_order, times
-from tuning.force_log import Signal
-from tuning.log_segments import segments_of, steps_in
+from tests.fakes.force_logs import RATE_HZ, first_order, noise, second_order, times
+from tuning.flat_tops import flat_tops
+from tuning.force_log import Signal, sampling_of
+from tuning.log_segments import segments_of
+from tuning.log_steadiness import drift_of, spectrum_of
+
+
+@given(start=st.integers(100, 1000), length=st.integers(4, 500))
+def test_a_removed_stretch_is_one_gap_of_its_length(start: int, length: int) -> None:
+    """Its begin is the last sample before it; period and jitter are unchanged."""
+    time_s = np.delete(times(), np.arange(start, start + length))
+    found = sampling_of(time_s)
+    assert len(found.gaps) == 1
+    assert found.gaps[0].begin_s == pytest.approx((start - 1) * 0.002)
+    assert found.missing_s == pytest.approx(length * 0.002)
+    assert found.period_s == pytest.approx(0.002)
+    assert found.jitter_s == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_part_includes_its_begin_and_the_end_of_the_signal() -> None:
+    """The sample at the end of a part belongs to the next one."""
+    signal = Signal(np.arange(10.0), np.arange(10.0))
+    assert signal.between(2.0, 5.0).value.tolist() == [2.0, 3.0, 4.0]
+    assert signal.between(7.0, 9.0).value.tolist() == [7.0, 8.0, 9.0]
+    assert Signal(np.empty(0), np.empty(0)).between(0.0, 1.0).value.tolist() == []
 
 
 @given(
@@ -16,9 +38,7 @@ from tuning.log_segments import segments_of, steps_in
     tau_s=st.floats(0.005, 0.3),
     sign=st.sampled_from((1.0, -1.0)),
 )
-def test_a_step_of_the_force_is_found_where_it_begins(
-    level: float, at_s: float, tau_s: float, sign: float
-) -> None:
+def test_a_step_of_the_force_is_found_where_it_begins(level, at_s, tau_s, sign) -> None:
     """Within 2 % of the response, whatever its size, sign and speed."""
     time_s = times()
     segments = segments_of(Signal(time_s, sign * level * first_order(time_s, tau_s, at_s)), None)
@@ -38,22 +58,10 @@ def test_noise_and_drift_are_no_step(seed: int, slope: float) -> None:
     assert (only.begin_s, only.end_s) == (0.0, time_s[-1])
 
 
-@given(cycles=st.floats(10.0, 200.0), phase=st.floats(0.0, 6.3))
-def test_an_oscillation_is_no_step(cycles: float, phase: float) -> None:
-    """A step leads from rest to rest; a sine with five periods or more never rests."""
-    assert steps_in(np.sin(np.pi * cycles * times(2.0) + phase)) == []
-
-
-def test_press_and_release_are_two_steps() -> None:
-    """A constant set point is the target of the press only."""
-    time_s = times()
-    force = 10.0 * (first_order(time_s, 0.05) - first_order(time_s, 0.05, 3.0))
-    signal = Signal(time_s, force + noise(len(time_s), 0.05))
-    found = segments_of(signal, 10.5)
-    assert [each.target for each in found[:2]] == [None, 10.5]
-    assert found[2].before == pytest.approx(10.0, abs=0.1)
-    assert found[2].target == pytest.approx(0.0, abs=0.1)
-    assert [each.begin_s for each in found] == pytest.approx([0.0, 1.0, 3.0], abs=0.02)
+def test_a_force_that_wanders_has_no_step_in_nine_of_ten_logs() -> None:
+    """A step leads from rest to rest."""
+    walks = [Signal(times(2.0), np.cumsum(noise(1000, 0.3, seed))) for seed in range(100)]
+    assert sum(len(segments_of(walk, None)) > 1 for walk in walks) <= 10
 
 
 @given(ramp_s=st.floats(0.01, 2.0), rate_hz=st.sampled_from((10.0, 100.0, 500.0)))
@@ -67,14 +75,6 @@ def test_a_ramp_of_the_set_point_is_one_step(ramp_s: float, rate_hz: float) -> N
     assert found[1].target == pytest.approx(10.0)
 
 
-def test_a_set_point_that_changes_with_the_first_sample_leaves_no_empty_segment() -> None:
-    """The first segment would have no length."""
-    time_s = times(1.0)
-    aimed = np.where(np.arange(500) >= 1, 5.0, 0.0)
-    late = Signal(time_s[1:], np.zeros(499))
-    assert [each.target for each in segments_of(late, Signal(time_s, aimed))] == [5.0]
-
-
 def test_a_gap_at_the_end_of_a_segment_leaves_its_last_sample_as_the_level() -> None:
     """The next step begins with the first sample after the gap."""
     time_s = times()
@@ -85,28 +85,69 @@ def test_a_gap_at_the_end_of_a_segment_leaves_its_last_sample_as_the_level() -> 
     assert found[2].begin_s == pytest.approx(3.0)
 
 
-def test_a_step_between_two_levels_that_no_sample_has_begins_where_it_was_found() -> None:
-    """The median of two values may be near neither of them."""
-    value = np.array([0.0] * 45 + [1.0] * 5 + [10.0] * 50)
-    assert steps_in(value) == [(50, 0.5)]
+def wave(seed: int, hertz: float) -> np.ndarray:
+    """Return a noisy sine of amplitude 10 N."""
+    return 10.0 * np.sin(2.0 * np.pi * hertz * times()) + noise(2500, 0.05, seed)
 
 
-def test_a_constant_recorded_set_point_counts_as_a_number() -> None:
-    """The step is that of the force towards it."""
-    time_s = times()
-    force = 9.8 * first_order(time_s, 0.05)
-    found = segments_of(Signal(time_s, force), Signal(time_s, np.full(len(time_s), 10.0)))
-    assert found[1].target == 10.0
-    assert found[1].before == pytest.approx(0.0)
+@given(seed=st.integers(0, 1000), hertz=st.floats(0.5, 20.0), share=st.floats(0.3, 0.9))
+def test_an_added_clipping_is_found_with_its_value(seed: int, hertz: float, share: float) -> None:
+    """At the top, at the bottom, and at both."""
+    signal, limit = wave(seed, hertz), 10.0 * share
+    assert flat_tops(np.maximum(signal, 0.0)) == []  # the absence of contact
+    assert [top.value for top in flat_tops(np.minimum(signal, limit))] == [limit]
+    assert [top.value for top in flat_tops(np.maximum(signal, -limit))] == [-limit]
+    both = flat_tops(np.clip(signal, -limit, limit))
+    assert [top.value for top in both] == [limit, -limit]
+    assert all(top.samples >= top.longest >= 3 and top.places >= 1 for top in both)
 
 
-def test_too_few_samples_have_no_step() -> None:
-    """The windows need five samples on each side."""
-    assert steps_in(np.array([0.0] * 5 + [1.0] * 5)) == []
+@given(seed=st.integers(0, 1000), hertz=st.floats(0.5, 20.0), digits=st.integers(0, 4))
+def test_a_signal_within_its_range_has_no_flat_top(seed: int, hertz: float, digits: int) -> None:
+    """Whatever its resolution."""
+    assert flat_tops(np.round(wave(seed, hertz), digits)) == []
 
 
-def test_a_ringing_response_is_one_step() -> None:
-    """Its overshoots are no steps of their own."""
-    time_s = times()
-    ringing = second_order(time_s, damping=0.15, rad_s=30.0)
-    assert len(steps_in(ringing)) == 1
+@pytest.mark.parametrize("tau_s", [0.005, 0.05, 0.2])
+def test_a_force_without_noise_that_comes_to_rest_is_no_flat_top(tau_s: float) -> None:
+    """As in a simulation: equal to its set point to the last digit."""
+    assert flat_tops(20.0 * first_order(times(20.0), tau_s)) == []
+    assert flat_tops(20.0 * second_order(times(20.0), damping=0.4, rad_s=1.0 / tau_s)) == []
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_the_interval_contains_the_true_drift_in_95_percent(correlation: float) -> None:
+    """Of 1500 logs, with independent and with correlated noise."""
+    time_s, contained = times(1.0), 0
+    value = noise(1500 * 600, 0.1).reshape(600, 1500)
+    for at in range(1, 600):
+        value[at] += correlation * value[at - 1]
+    for log in value[100:].T:  # without the start, which is not stationary
+        found = drift_of(Signal(time_s, 0.2 * time_s + log))
+        assert found.bound is not None
+        contained += abs(found.slope - 0.2) <= found.bound
+    assert 0.93 <= contained / 1500 <= 0.97
+
+
+@given(hertz=st.floats(3.0, 220.0), amplitude=st.floats(0.2, 100.0), seed=st.integers(0, 1000))
+def test_a_sine_in_noise_is_the_first_peak_with_its_amplitude(hertz, amplitude, seed) -> None:
+    """Frequency within half a bin, amplitude within 10 %, also between two bins."""
+    time_s = times(8.0)
+    wave = amplitude * np.sin(2.0 * np.pi * hertz * time_s + seed)
+    value = 5.0 + wave + noise(len(time_s), 0.1 * amplitude, seed)
+    found = spectrum_of(Signal(time_s, value), 1.0 / RATE_HZ)
+    assert found is not None
+    peak = found.peaks[0]
+    assert peak.frequency_hz == pytest.approx(hertz, abs=0.15)
+    assert peak.amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+def test_noise_alone_has_a_peak_in_few_logs() -> None:
+    """At most one of a hundred logs, short and long."""
+    for seconds in (1.0, 10.0):
+        time_s = times(seconds)
+        found = [
+            spectrum_of(Signal(time_s, noise(len(time_s), 1.0, seed)), 1.0 / RATE_HZ)
+            for seed in range(200)
+        ]
+        assert sum(bool(each and each.peaks) for each in found) <= 2

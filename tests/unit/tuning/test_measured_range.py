@@ -77,9 +77,7 @@ def test_a_start_outside_the_map_runs_the_plain_law_and_reports_it() -> None:
         (124.0, 0.05, 4.9e3, "too soft: 4.9e+03 N/m, at 124 Hz the law was measured from 5000 N/m"),
     ],
 )
-def test_the_plain_law_names_what_is_outside_its_range(
-    loop_hz: float, tau_s: float, k_N_m: float, reason: str
-) -> None:
+def test_the_plain_law_names_what_is_outside_its_range(loop_hz, tau_s, k_N_m, reason) -> None:
     """Every limit itself is inside."""
     found = range_violation(loop_hz, tau_s, k_N_m)
     assert found.startswith(reason)

@@ -73,9 +73,7 @@ def test_a_law_is_one_row(bench: FollowingBench) -> None:
     assert bench.published().error_force_N == (0.0, 10.0, 0.0)
 
 
-def test_its_properties_decide_what_is_refused(
-    bench: FollowingBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_properties_decide_what_is_refused(bench, monkeypatch) -> None:
     """A law that guides needs set point 0; one that does not cover the cell leaves it to plain."""
     monkeypatch.setitem(LAWS, "tiny", replace(TINY, guides=True))
     assert bench.start(REQUEST).text == "law tiny needs set point 0"
@@ -87,26 +85,6 @@ def test_its_properties_decide_what_is_refused(
     assert reply.text.endswith(remark)
     bench.step()
     assert bench.published().law == "plain"
-
-
-def test_another_law_while_it_runs_makes_no_step(bench: FollowingBench) -> None:
-    """The motion continues from the last command; the new law begins with its own state."""
-    bench.push((0.0, 10.0, 0.0))
-    for law in ("adaptive", "tiny", "plain", "tiny"):
-        request = ForceStartRequest.from_dict({"mode": "position", "law": law})
-        assert bench.start(request).accepted
-        bench.step(10)
-    limit_m = CELL.force.speed_max_m_s * PERIOD_S
-    assert max(bench.steps_m) <= limit_m * (1.0 + 1e-6)
-    assert np.isfinite(bench.p_tcp_m).all()
-
-
-def test_an_unknown_law_is_refused_by_name(bench: FollowingBench) -> None:
-    """Its name is free on the wire, so the service lists its laws."""
-    reply = bench.start(ForceStartRequest(mode="position", law="iron"))
-    text = f"law: must be {' or '.join(LAWS)}, found 'iron'"
-    assert "tiny" in LAWS
-    assert (reply.accepted, reply.code, reply.text) == (False, "malformed", text)
 
 
 @pytest.mark.parametrize("law", ["iron", "admittance"])

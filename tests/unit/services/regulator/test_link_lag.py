@@ -6,36 +6,23 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
+from common.config.load import load_cell
 from common.motion.convert import record_of
-from common.motion.frames import rotation_from_vector
 from forcemesh import topics
+from forcemesh.clock import NS_PER_S
 from forcemesh.messages import UNIT_QUATERNION, ZERO3, PoseRecord
 from forcemesh.requests import ForceStartRequest, PathRequest
+from launch import virtual_cell as virtual
 from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
+from tests.fakes.lab import Lab
+from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+from tests.fakes.stalling_wire import StallingWire
 
 WINDOW = int(CommandHistory.of(CELL).window_s / PERIOD_S)  # commands kept in addition to the newest
-motions = st.lists(
-    st.tuples(*[st.floats(-2e-4, 2e-4)] * 3, st.floats(-1e-3, 1e-3)), min_size=40, max_size=80
-)
-
-
-@settings(max_examples=25, deadline=None)
-@given(motions, st.integers(0, 39))
-def test_commands_within_the_window_never_lag(steps, late) -> None:
-    """This holds for any path: forth and back, in circles, or at rest."""
-    commanded, sent, T = CommandHistory.of(CELL), [], pin.SE3.Identity()
-    for x, y, z, turn in steps:
-        T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
-        T.translation = T.translation + np.array([x, y, z])
-        sent.append(record_of(T))
-        is_known = late <= WINDOW and late < len(sent)
-        assert not commanded.lags(sent[-1], PERIOD_S, sent[-1 - late] if is_known else None)
 
 
 def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
@@ -54,24 +41,6 @@ def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
             assert not deepcopy(again).lags(oldest, PERIOD_S, oldest)
             assert again.restart() == oldest
     assert not commanded.lags(command, PERIOD_S, command)
-
-
-def test_the_law_freezes_while_nothing_is_sent_and_continues_from_there() -> None:
-    """5 N act for a second while the robot reports the first pose: no wind-up."""
-    bench = RegulatorBench()
-    bench.push((0.0, 0.0, 5.0))
-    bench.pass_s(0.1)
-    assert bench.start().accepted
-    first = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
-    bench.robot = bench.robot.replaced(sent=record_of(first))
-    bench.pass_s((WINDOW + 3) * PERIOD_S)
-    stood = bench.T_base_tcp().translation
-    bench.pass_s(1.0)
-    assert np.linalg.norm(bench.T_base_tcp().translation - stood) < 2e-5
-    flange = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
-    bench.robot = bench.robot.replaced(sent=record_of(flange))
-    bench.pass_s(0.02)
-    assert np.linalg.norm(bench.T_base_tcp().translation - stood) > 2e-5
 
 
 def test_a_path_waits_for_a_lagging_link() -> None:
@@ -117,3 +86,56 @@ def test_a_link_that_lags_from_the_first_sample_moves_nothing_and_is_no_error(la
         assert bench.published().error_force_N == (0.0, 0.0, 0.0)
     start_m = (T_START * T_FLANGE_TCP).translation
     assert np.allclose(bench.T_base_tcp().translation, start_m, atol=1e-12)
+
+
+TCP_CELL = load_cell(DEMO.with_name("demo-tcp.yaml"), {"sim.gap_m": 0.002})
+SETPOINT_N = 20.0
+MAX_N = 1.3 * SETPOINT_N
+MIN_N = 1.0  # contact force of a tool that has not lifted off
+
+
+@pytest.mark.parametrize("stall_ms", [long(50), long(120), 200, long(240)])
+@pytest.mark.parametrize("direction", ["out", "in"])
+@pytest.mark.parametrize(
+    ("host", "law"), [("pc", "plain"), ("pc", "adaptive"), ("controller", "plain")]
+)
+@pytest.mark.parametrize("begins", ["at the touch", "while it holds"])
+def test_a_stall_neither_presses_nor_lifts(
+    monkeypatch: pytest.MonkeyPatch, host: Any, law: Any, direction: str, stall_ms: int, begins: str
+) -> None:
+    """From the touch on, or with an error for the whole of it: the set point is just halved."""
+    monkeypatch.setattr(virtual, "LockStepLink", StallingWire)
+    lab = Lab(TCP_CELL)
+    arm = lab.cell.arm
+
+    def true_N() -> float:
+        return float(arm.true_wrench().force_N[2])
+
+    def start(setpoint_N: float) -> None:
+        request = ForceStartRequest(mode="position", host=host, law=law, setpoint_N=setpoint_N)
+        assert lab.ask(topics.FORCE_START, request).accepted
+
+    def extremes_N(seconds: float) -> tuple[float, float]:
+        forces_N = []
+        for _ in range(round(seconds * 1e3)):
+            lab.cell.advance(0.001)
+            forces_N.append(true_N())
+        return min(forces_N), max(forces_N)
+
+    goal_N, found_N = SETPOINT_N, 0.5  # of the touch
+    start(SETPOINT_N)
+    if begins == "while it holds":
+        goal_N, found_N = 0.5 * SETPOINT_N, 0.98 * SETPOINT_N
+    lab.seconds_until(lambda: true_N() > found_N, 3.0)
+    if begins == "while it holds":
+        lab.cell.advance(0.3)
+        start(goal_N)
+    until_ns = lab.cell.clock.now_ns() + round(stall_ms * 1e-3 * NS_PER_S)
+    setattr(StallingWire.newest, f"{direction}_until_ns", until_ns)
+    assert extremes_N(stall_ms / 1e3 + 0.5)[1] <= MAX_N
+    least_N, most_N = extremes_N(0.5)
+    assert least_N >= MIN_N
+    assert most_N <= MAX_N
+    if lab.status.state not in {"HOLDING", "FAULT"}:
+        lab.cell.advance(1.0)
+        assert true_N() == pytest.approx(goal_N, abs=1.0)

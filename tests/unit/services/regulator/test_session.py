@@ -1,7 +1,5 @@
 """The end of force feedback, which is latched, and the effect of a limited command."""
 
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,12 +7,13 @@ import pytest
 from common.motion.convert import record_of, vec3
 from common.motion.frames import rotation_from_vector
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus, RobotCommand, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
 from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (
+    BOTH_HOSTS,
     KI,
     PERIOD_S,
     POSITION,
@@ -22,8 +21,6 @@ from tests.fakes.regulator_bench import (
     RegulatorBench,
     assert_stopped,
 )
-
-DEADLINE_S = CELL.stale_after_s(topics.WRENCH)
 
 
 @pytest.fixture
@@ -43,9 +40,7 @@ def bench() -> RegulatorBench:
 
 
 @pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE], ids=lambda t: t.key)
-def test_a_stale_input_makes_the_target_not_valid_with_its_name(
-    bench: RegulatorBench, topic: Any
-) -> None:
+def test_a_stale_input_makes_the_target_not_valid_with_its_name(bench, topic) -> None:
     """The mode stays in the message: it runs and cannot continue, so the arbiter holds."""
     bench.silent = {topic.key}
     bench.pass_s(CELL.stale_after_s(topic) - PERIOD_S)
@@ -58,42 +53,25 @@ def test_a_stale_input_makes_the_target_not_valid_with_its_name(
 
 
 def test_a_failure_is_latched_until_the_next_start(bench: RegulatorBench) -> None:
-    """The input returns, the target does not: nothing resumes by itself."""
-    bench.silent = {topics.WRENCH.key}
-    bench.pass_s(0.2)
-    bench.silent = set()
-    for _ in range(100):
-        bench.step()
-        assert not bench.published().valid
-        assert "wrench stale" in bench.published().reason
-    bench.arbiter = ArbiterStatus(state="ARMED", lease=3)
+    """The input returns, the target does not; code and reason are those of the sensor."""
+    good = bench.wrench
+    bench.wrench = WrenchAtTcp(valid=False, code="sensor_frozen", reason="the same 50 times")
     bench.step()
+    bench.wrench = good
+    for _ in range(20):
+        target = bench.published()
+        assert (target.valid, target.mode, target.code) == (False, "position", "sensor_frozen")
+        assert target.reason == "wrench invalid: the same 50 times"
+        bench.step()
     assert bench.start().accepted
+    assert bench.published().code == ""
     assert bench.T_base_tcp().translation == (
         pytest.approx((T_START * T_FLANGE_TCP).translation, abs=1e-12)
     )
 
 
-def test_an_invalid_wrench_is_passed_on_with_its_reason(bench: RegulatorBench) -> None:
-    """The reason stays the same from the sensor to the arbiter's trip."""
-    bench.wrench = WrenchAtTcp(valid=False, reason="the sensor says saturated")
-    bench.step()
-    assert bench.published().reason == "wrench invalid: the sensor says saturated"
-
-
-def test_the_same_sample_is_integrated_once(bench: RegulatorBench) -> None:
-    """Steps between two wrenches propose the same pose again."""
-    bench.silent = {topics.WRENCH.key}
-    bench.step()
-    before = bench.published().pose
-    bench.step(10)
-    assert bench.published().pose == before
-
-
 @pytest.mark.parametrize("topic", [topics.SENSOR_WRENCH, topics.WRENCH, topics.ROBOT_STATE])
-def test_it_rests_while_an_input_is_late_and_after_a_gap(
-    bench: RegulatorBench, topic: topics.Topic[Any]
-) -> None:
+def test_it_rests_while_an_input_is_late_and_after_a_gap(bench: RegulatorBench, topic) -> None:
     """What came in says nothing about the last commands: more of them would add up to a step."""
     before = bench.T_base_tcp().translation[2]
     bench.silent = {topic.key}
@@ -130,9 +108,7 @@ def test_a_law_that_predicts_rests_until_the_released_commands_have_arrived(dela
 
 
 @pytest.mark.parametrize(("control_hz", "rests"), [(250, True), (500, False)])
-def test_a_sensor_slower_than_control_may_repeat_its_sample(
-    control_hz: int, *, rests: bool
-) -> None:
+def test_a_sensor_slower_than_control_may_repeat_its_sample(control_hz, rests) -> None:
     """Its last sample is used until the next one; of a faster sensor a repetition is silence."""
     bench = RegulatorBench(cell_with(rates__control_hz=control_hz, rates__sensor_hz=250))
     bench.push((0.0, 0.0, 10.0))
@@ -145,9 +121,7 @@ def test_a_sensor_slower_than_control_may_repeat_its_sample(
     assert (bench.T_base_tcp().translation[2] == before) == rests
 
 
-def test_it_continues_from_the_released_command_while_the_arbiter_is_late(
-    bench: RegulatorBench,
-) -> None:
+def test_it_continues_from_the_released_command_while_the_arbiter_is_late(bench) -> None:
     """Commands that the arbiter has not released do not add up."""
     bench.command = RobotCommand(kind="setpoint", pose=bench.published().pose)
     bench.step()
@@ -162,13 +136,6 @@ def test_it_continues_from_the_released_command_while_the_arbiter_is_late(
 
 
 # --- the arbiter ----------------------------------------------------------------------------------
-
-
-def test_it_continues_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
-    """It begins when the arm is at rest; until then the arm settles at its proposal."""
-    bench.arbiter = ArbiterStatus(state="SETTLING", next_commander="regulator", lease=3)
-    bench.step(20)
-    assert bench.published().valid
 
 
 @pytest.mark.parametrize(
@@ -186,18 +153,17 @@ def test_it_continues_while_the_arm_settles_for_it(bench: RegulatorBench) -> Non
         ),
         (ArbiterStatus(state="STOPPING", lease=3), "the arbiter is STOPPING"),
         (ArbiterStatus(valid=False, reason="no idea"), "arbiter/status invalid: no idea"),
+        (ArbiterStatus(valid=False, reason="y" * 500), "arbiter/status invalid: yyy"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_it_ends_without_permission_and_never_resumes(
-    bench: RegulatorBench, status: ArbiterStatus, reason: str
-) -> None:
+def test_it_ends_without_permission_and_never_resumes(bench, status, reason) -> None:
     """A hold, a new arming (also without a received hold) and a goal each require a new start."""
     bench.arbiter = status
     bench.step()
     assert_stopped(bench, reason)
     bench.arbiter = ArbiterStatus(state="ARMED", lease=status.lease)
-    for _ in range(100):
+    for _ in range(20):
         bench.step()
         assert_stopped(bench, reason)
     assert bench.service.fault == ""
@@ -210,13 +176,6 @@ def test_a_silent_arbiter_ends_it(bench: RegulatorBench) -> None:
     bench.silent = {topics.ARBITER_STATUS.key}
     bench.pass_s(CELL.stale_after_s(topics.ARBITER_STATUS) + 2 * PERIOD_S)
     assert_stopped(bench, "arbiter/status stale")
-
-
-def test_with_a_very_long_reason_it_still_publishes(bench: RegulatorBench) -> None:
-    """A text of another process never ends this one."""
-    bench.arbiter = ArbiterStatus(valid=False, reason="y" * 500)
-    bench.step()
-    assert_stopped(bench, "arbiter/status invalid: yyy")
 
 
 # --- the applied command --------------------------------------------------------------------------
@@ -238,19 +197,6 @@ def test_it_continues_from_the_applied_command(bench: RegulatorBench) -> None:
         assert pin.log3(T.rotation @ applied.rotation.T) == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_a_stale_command_does_not_change_the_pose(bench: RegulatorBench) -> None:
-    """A limitation of long ago does not count."""
-    pose = record_of(T_START)
-    bench.command = RobotCommand(kind="setpoint", pose=pose, limited=True)
-    bench.step(2)
-    bench.silent = {topics.ROBOT_COMMAND.key}
-    bench.pass_s(CELL.stale_after_s(topics.ROBOT_COMMAND) + 2 * PERIOD_S)
-    before = bench.T_base_tcp().translation[2]
-    bench.step(10)
-    moved = bench.T_base_tcp().translation[2] - before
-    assert moved == pytest.approx(10 * (10.0 - CELL.force.deadband_N) * KI * PERIOD_S, rel=1e-6)
-
-
 def test_an_unlimited_command_does_not_change_the_pose(bench: RegulatorBench) -> None:
     """An echo that is a period old must not remove a period's motion each time."""
     start = bench.T_base_tcp().translation[2]
@@ -266,39 +212,29 @@ def test_an_unlimited_command_does_not_change_the_pose(bench: RegulatorBench) ->
 
 
 def test_for_the_host_controller_it_publishes_mode_set_point_and_gains() -> None:
-    """The set point points along the tool, as a force of the environment in base axes."""
-    robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
-    bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
+    """The set point points along the tool as it turns: a force of the environment, base axes."""
+    bench = RegulatorBench(BOTH_HOSTS)
     bench.pass_s(0.1)
-    R = rotation_from_vector(np.array([0.3, 0.2, 0.0])) @ T_START.rotation
-    tilted = record_of(pin.SE3(R, T_START.translation))
-    bench.robot = RobotState.from_dict(bench.robot.as_dict() | tilted.as_dict())
-    bench.step()
     request = ForceStartRequest(mode="both", host="controller", setpoint_N=10.0)
-    assert bench.start(request).accepted
-    bench.pass_s(0.2)
-    target = bench.published()
-    assert (target.host, target.pose, target.valid) == ("controller", None, True)
-    assert target.feedback is not None
-    assert target.feedback.mode == "both"
-    assert target.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
-    assert target.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
-    turned = rotation_from_vector(np.array([0.0, 0.4, 0.0])) @ R
-    record = record_of(pin.SE3(turned, T_START.translation))
-    bench.robot = RobotState.from_dict(bench.robot.as_dict() | record.as_dict())
-    bench.step()
-    feedback = bench.published().feedback
-    assert feedback is not None
-    assert feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * turned[:, 2]), abs=1e-6)
-    assert bench.start(POSITION).accepted
-    start = pin.SE3(turned, T_START.translation) * T_FLANGE_TCP
-    assert bench.T_base_tcp().homogeneous == pytest.approx(start.homogeneous, abs=1e-9)
+    for turn in ((0.3, 0.2, 0.0), (0.0, 0.4, 0.0)):
+        R = rotation_from_vector(np.array(turn)) @ T_START.rotation
+        record = record_of(pin.SE3(R, T_START.translation))
+        bench.robot = bench.robot.replaced(**record.as_dict())
+        bench.step()
+        if turn[0]:
+            assert bench.start(request).accepted
+            bench.pass_s(0.2)
+        target = bench.published()
+        assert (target.host, target.pose, target.valid) == ("controller", None, True)
+        assert target.feedback is not None
+        assert target.feedback.mode == "both"
+        assert target.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
+        assert target.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
 
 
 def test_the_host_controller_gets_the_point_of_contact_in_mode_both_only() -> None:
     """F x M / F^2 from the TCP, in the flange's axes, which stay with the tool while it turns."""
-    robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
-    bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
+    bench = RegulatorBench(BOTH_HOSTS)
     bench.pass_s(0.1)
     bench.push((0.0, 0.0, 10.0), (0.2, 0.0, 0.0))
     bench.step()

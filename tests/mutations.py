@@ -18,14 +18,9 @@ PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
 # Tests that judge a module, those most likely to detect a change first.
 JUDGES = {
-    "common.motion.permission": (
-        "unit/common/motion/test_permission",
-        "unit/common/motion/test_permission_two_arbiters",
-    ),
+    "common.motion.permission": ("unit/common/motion/test_permission",),
     "common.motion.last_check": (
         "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_rules",
-        "unit/common/motion/test_last_check_corners",
         "unit/common/motion/test_back_off",
         "unit/common/motion/test_last_check_hostile",
     ),
@@ -33,7 +28,6 @@ JUDGES = {
         "unit/common/motion/test_limits",
         "unit/common/motion/test_limits_windows",
         "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_corners",
         "unit/services/arbiter/test_core_limits",
         "unit/services/arbiter/test_core",
     ),
@@ -41,13 +35,10 @@ JUDGES = {
         "unit/common/motion/test_rate_limiter",
         "unit/common/motion/test_limits_windows",
         "unit/services/arbiter/test_core_limits",
-        "unit/common/motion/test_last_check_corners",
     ),
     "common.motion.setpoint_monitor": (
         "unit/common/motion/test_setpoint_monitor",
         "unit/common/motion/test_last_check",
-        "unit/common/motion/test_last_check_rules",
-        "unit/common/motion/test_last_check_corners",
         "unit/common/motion/test_last_check_hostile",
     ),
     "common.motion.tracking": (
@@ -74,8 +65,6 @@ JUDGES = {
         "unit/forcemesh/test_bus",
         "unit/forcemesh/test_reader_rivals",
         "unit/forcemesh/test_codec_misrouted",
-        "unit/common/motion/test_permission_two_arbiters",
-        "unit/common/motion/test_last_check_corners",
     ),
     "common.security.access_control": ("unit/common/security/test_access_control",),
     "services.regulator.guards": (
@@ -83,7 +72,6 @@ JUDGES = {
         "unit/services/regulator/test_guards",
         "unit/services/regulator/test_guards_oscillation",
         "unit/services/regulator/test_guards_restart",
-        "unit/common/motion/test_last_check_corners",
         "unit/services/regulator/test_service",
     ),
     "tuning.gain_rule": (
@@ -105,7 +93,6 @@ JUDGES = {
     "services.arbiter.watch": (
         "unit/services/arbiter/test_watch",
         "unit/services/arbiter/test_preflight",
-        "unit/common/motion/test_last_check_corners",
         "unit/services/arbiter/test_watch_health",
         "unit/services/arbiter/test_watch_controller",
     ),

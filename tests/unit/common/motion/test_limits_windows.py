@@ -6,12 +6,9 @@ from collections import deque
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from common.config.load import cell_from_tree, dump_cell
-from common.motion.limits import ArmBounds, JointTrack, Limits, check_workspace
+from common.motion.limits import ArmBounds, JointTrack, Limits
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Trip
 from tests.fakes.arbiter_world import CELL, pose_at
@@ -60,35 +57,6 @@ def test_a_joint_s_speed_is_known_after_a_tenth_of_a_second_to_the_nanosecond() 
     assert track.speed_rad_s == pytest.approx(np.full(6, 10.0))
 
 
-@settings(max_examples=40)
-@given(
-    joint=st.integers(0, 5),
-    share=st.floats(-2.0, 2.0),
-    repeats=st.lists(st.integers(1, 3), min_size=60, max_size=60),
-)
-def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> None:
-    """Each sample is published one to three times: the mean is off by those periods alone."""
-    track, stamp_ns, speed = JointTrack(), 10**9, share * LIMITS.joint_speed_rad_s[joint]
-    speeds = []
-    for count in repeats:
-        q = np.zeros(6)
-        q[joint] = speed * stamp_ns * 1e-9
-        for _ in range(count):
-            track.add(stamp_ns, q)
-            stamp_ns += 4_000_000
-            speeds.append(track.speed_rad_s)
-    known = [found[joint] for found in speeds if found is not None]
-    assert len(known) >= len(speeds) - 0.1 / 0.004 - 2
-    doubt = 2 * 0.004 / JOINT_WINDOW_S + 0.001
-    assert all(abs(found - speed) <= abs(speed) * doubt + 1e-9 for found in known)
-    tripped = [check_joint_speed(found) for found in speeds if found is not None]
-    if abs(share) * (1.0 + doubt) < 1.0:
-        assert not any(tripped)
-    if abs(share) * (1.0 - doubt) > 1.0:
-        assert all(trip is not None and trip.code == "joint_speed" for trip in tripped)
-        assert all(trip is not None and f"joint {joint + 1} " in trip.text for trip in tripped)
-
-
 def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
     """Nor does an older one: time never goes back."""
     track = JointTrack()
@@ -108,43 +76,6 @@ def test_each_joint_has_its_speed(joint: int) -> None:
         assert (trip is None) == (abs(speed) <= fastest)
         if trip is not None:
             assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")
-
-
-# --- planes ---------------------------------------------------------------------------------------
-
-
-def with_plane(point_m, normal) -> Limits:
-    """Return the demo cell's limits and a wall."""
-    tree = CELL.model_dump(mode="json")
-    tree["limits"]["planes"] = [{"point_m": list(point_m), "normal": list(normal)}]
-    return Limits.of(cell_from_tree(tree, "x.yaml"))
-
-
-@given(
-    st.floats(-0.2, 0.2),
-    hnp.arrays(float, 3, elements=st.floats(-3.0, 3.0)).filter(lambda n: np.linalg.norm(n) > 0.1),
-    hnp.arrays(float, 3, elements=st.floats(-0.15, 0.15)),
-)
-def test_the_tool_stays_on_the_side_that_the_normal_points_to(offset_m, normal, p) -> None:
-    """Anywhere in the box, for any wall; the normal's length does not matter."""
-    centre = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
-    unit = normal / np.linalg.norm(normal)
-    limits = with_plane(centre + offset_m * unit, normal)
-    before_m = float(p @ unit) - offset_m
-    trip = check_workspace(limits, pose_at(centre + p, np.zeros(3)))
-
-    if abs(before_m) > 1e-9:
-        assert (trip is None) == (before_m > 0.0)
-    if trip is not None:
-        assert (trip.code, trip.limit) == ("workspace", 0.0)
-        assert trip.value == pytest.approx(before_m, abs=1e-12)
-        assert "plane 1" in trip.text
-
-
-def test_a_plane_without_a_normal_is_a_mistake() -> None:
-    """Reported when the cell file is read, with its place."""
-    with pytest.raises(ConfigError, match=r"limits\.planes\.0: the normal has length zero"):
-        with_plane((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 # --- ceilings -------------------------------------------------------------------------------------

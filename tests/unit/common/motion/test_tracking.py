@@ -107,19 +107,6 @@ def test_a_move_of_the_joints_keeps_their_proportion(
     assert verdict(tracking, shifted(DOWN, x_m=0.3), tuple(q)) == rule
 
 
-def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> None:
-    """The arm has to stay where it comes to rest."""
-    tracking = TrackingMonitor(CELL)
-    tracking.line(DOWN, shifted(DOWN, x_m=0.2))
-    tracking.rest(shifted(DOWN, y_m=0.1), moving=True)
-    assert verdict(tracking, shifted(DOWN, y_m=0.2)) == ""
-    tracking.rest(shifted(DOWN, y_m=0.2), moving=False)
-    tracking.rest(shifted(DOWN, y_m=0.3), moving=False)
-    assert verdict(tracking, shifted(DOWN, y_m=0.3)) == "tracking"
-    tracking.free()
-    assert verdict(tracking, shifted(DOWN, y_m=0.3)) == ""
-
-
 # --- to the last digit ----------------------------------------------------------------------------
 
 
@@ -242,22 +229,3 @@ def test_commands_before_another_motion_do_not_count(first: str, then: str) -> N
     assert tracking.judge(now, HOME, 5000 * MS) is None
     trips = [tracking.judge(before, np.array(BENT), 5000 * MS) for _ in range(PERIODS + 1)]
     assert [trip is not None for trip in trips] == [False] * PERIODS + [True]
-
-
-@pytest.mark.parametrize("motion", ["stream", "line", "turn"])
-def test_after_each_motion_the_arm_rests_where_it_has_come_to(motion: str) -> None:
-    """And not where it rested before."""
-    tracking, before, now = TrackingMonitor(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
-    tracking.rest(before, moving=False)
-    COMMANDS[motion](tracking, before)
-    tracking.rest(now, moving=False)
-    assert verdict_at(tracking, now, 5001 * MS) == ""
-    assert verdict_at(tracking, before, 5002 * MS) == "tracking"
-
-
-def test_a_line_counts_however_long_ago_it_was_commanded() -> None:
-    """A slow move takes minutes."""
-    tracking = TrackingMonitor(CELL)
-    tracking.line(DOWN, shifted(DOWN, x_m=0.2))
-    for x_m, rule in ((0.0, ""), (0.1, ""), (0.2, ""), (0.211, "tracking"), (-0.011, "tracking")):
-        assert verdict_at(tracking, shifted(DOWN, x_m=x_m), 100_000 * MS) == rule

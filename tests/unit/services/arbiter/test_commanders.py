@@ -2,15 +2,10 @@
 
 import math
 
-import numpy as np
-import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.arm import UNKNOWN_ARM
-from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_from_vector
+from common.motion.convert import pose_of
 from forcemesh.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
 from forcemesh.requests import MoveRequest
 from tests.fakes.arbiter_world import (
@@ -19,7 +14,6 @@ from tests.fakes.arbiter_world import (
     MOVE_JOINTS,
     PERIOD_NS,
     STOPPED,
-    T_START,
     World,
     distance_m,
     shifted,
@@ -28,7 +22,6 @@ from tests.fakes.arbiter_world import (
 
 LIMITS = CELL.limits
 FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
-FASTEST_M = LIMITS.speed_m_s * PERIOD_NS * 1e-9  # way of one period
 FIRST_M = LIMITS.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # way of the first period from rest
 NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
@@ -51,17 +44,6 @@ BAD_MOVES = {
 # --- one commander --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("move", [MOVE_DOWN, MOVE_JOINTS])
-def test_a_move_is_busy_under_another_one(move: MoveRequest) -> None:
-    """The refusal names the owner of the arm; the present command continues."""
-    world = World().make_active("operator")
-    before = world.tick()
-    reply = world.core.move(move, world.inputs())
-    assert (reply.accepted, reply.code) == (False, "busy")
-    assert "operator" in reply.text
-    assert world.tick() == before
-
-
 @pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
 def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
     """A move is refused in every other state, with the remedy."""
@@ -80,21 +62,6 @@ def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
     assert ready in reply.text
 
 
-def test_a_regulator_started_during_a_goal_does_not_take_over() -> None:
-    """Neither during the goal nor after it: the arbiter must first receive its stop."""
-    world = World().make_active("operator")
-    world.propose(shifted(z_m=-0.01))
-    assert world.tick(5).kind == "goal"
-    world.report_goal("done")
-    command = world.tick(100)
-    assert (command.kind, world.core.state) == ("idle", "ARMED")
-
-    world.messages["target"] = STOPPED
-    world.tick()
-    world.propose(shifted())
-    assert world.tick().kind == "setpoint"
-
-
 def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
     """After a hold and an arming, force feedback continues only after a new start."""
     world = World().make_active("regulator")
@@ -106,20 +73,6 @@ def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
     world.tick()
     world.propose(shifted())
     assert world.tick().kind == "setpoint"
-
-
-def test_the_first_set_point_is_the_measured_pose() -> None:
-    """The hand-over has no jump: the pose is equal if the regulator starts there, else a step."""
-    world = World().make_armed()
-    world.propose(shifted())
-    command = world.tick()
-    assert (command.kind, command.commander, command.limited) == ("setpoint", "regulator", False)
-    assert distance_m(command.pose, shifted()) == 0.0
-
-    world = World().make_armed()
-    world.propose(shifted(x_m=0.01))
-    command = world.tick()
-    assert distance_m(command.pose, shifted()) == pytest.approx(FIRST_M)
 
 
 # --- goals ----------------------------------------------------------------------------------------
@@ -175,30 +128,6 @@ def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, c
     assert (world.tick().kind, world.core.state) == ("idle", "ARMED")
 
 
-def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
-    """The value is the distance from the pose of the arming."""
-    world = with_limits(tether_m=0.1).make_armed()
-    reply = world.core.move(MoveRequest(kind="pose", pose=shifted(x_m=0.11)), world.inputs())
-
-    assert (reply.code, reply.limit) == ("tether", 0.1)
-    assert reply.value == pytest.approx(0.11)
-
-
-def test_a_relative_move_counts_from_the_measured_joints() -> None:
-    """Ten degrees before the limit, slightly less is allowed; absolute angles stay as they are."""
-    world = World()
-    near = (0.0, math.radians(125.0), 0.0, 0.0, 0.0, 0.0)
-    world.change("robot", joint_rad=near)
-    world.make_armed()
-    for degrees, accepted in ((10.1, False), (9.9, True)):
-        by = (0.0, math.radians(degrees), 0.0, 0.0, 0.0, 0.0)
-        move = MoveRequest(kind="by", joint_rad=by)
-        assert world.core.move(move, world.inputs()).accepted == accepted
-    world.report_goal("done")
-    world.tick()
-    assert world.core.move(MoveRequest(kind="joints", joint_rad=near), world.inputs()).accepted
-
-
 def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     """The effective speed counts: mechanical times modular."""
     world = World().make_armed()
@@ -230,26 +159,6 @@ def test_the_speed_of_a_move_is_for_that_move_only() -> None:
 
 
 # --- set points -----------------------------------------------------------------------------------
-
-
-@given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)),
-                min_size=1, max_size=10))  # fmt: skip
-def test_set_points_never_exceed_the_speed_limit(
-    proposals: list[tuple[float, float, float]],
-) -> None:
-    """For any proposals a command moves by at most one period's travel."""
-    world = with_limits(step_m=0.2).make_active("regulator")
-    before = shifted()
-    for x_m, y_m, turn in proposals:
-        R = rotation_from_vector(np.array([0.0, 0.0, turn])) @ T_START.rotation
-        proposal = pin.SE3(R, T_START.translation + np.array([x_m, y_m, 0.0]))
-        world.propose(record_of(proposal))
-        command = world.tick()
-        if command.kind != "setpoint" or command.pose is None:
-            return
-        moved = distance_m(command.pose, before)
-        assert moved <= FASTEST_M * (1.0 + 1e-9)
-        before = command.pose
 
 
 def test_force_feedback_that_returns_from_the_controller_starts_at_the_arm() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
-from common.motion.permission import RANKS, outranks
+from common.motion.permission import outranks
 from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
@@ -60,15 +60,6 @@ def settle(world: RobotWorld, until: str = "ACTIVE", at_most: int = 200) -> Robo
     raise AssertionError(f"still {world.core.state}")
 
 
-def test_every_commander_has_its_own_rank() -> None:
-    """The table is complete and without ties: one of two commanders always yields."""
-    assert set(RANKS) == set(get_args(Commander))
-    assert len(set(RANKS.values())) == len(RANKS)
-    assert sorted(RANKS, key=lambda name: RANKS[name]) == [
-        "none", "regulator", "program", "operator"
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(("owner", "requester"), pairs)
 def test_a_higher_rank_takes_the_arm(owner: str, requester: Asker) -> None:
     """Swept: a higher rank is accepted; the refusal of an equal or lower one names the owner."""
@@ -101,21 +92,6 @@ def test_the_next_owner_begins_when_the_arm_is_at_rest(owner: str, requester: st
     rested = round(REST_S * 1e9 / PERIOD_NS)
     assert not any(world.began_moving[-rested:])
     assert len(between) >= world.lag_periods + world.brake_periods + rested - 1
-
-
-@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
-def test_every_owner_has_its_own_turn_under_one_lease(owner: str, requester: str) -> None:
-    """The turn identifies the owner of a command."""
-    world = RobotWorld().give(owner)
-    before = world.commands[-1].permission
-    world.ask(requester)
-    after = settle(world).permission
-
-    assert before is not None
-    assert after is not None
-    assert before.lease == after.lease
-    assert before.ownership < after.ownership
-    assert world.core.status().ownership == after.ownership
 
 
 @pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
@@ -232,22 +208,6 @@ def test_a_pending_owner_is_replaced_by_a_higher_rank_only() -> None:
     assert command.goal is not None
     assert (command.commander, command.goal.id) == ("operator", reply.value)
     assert first.value != reply.value
-
-
-@pytest.mark.parametrize("owner", ["none", *OWNERS])
-def test_hold_cancels_a_pending_owner(owner: str) -> None:
-    """This holds in SETTLING too: no pending move survives a hold and an arming."""
-    world = RobotWorld()
-    _ = world.make_armed() if owner == "none" else world.give(owner)
-    if owner != "operator":
-        world.ask("operator")
-    assert world.core.hold("enough").accepted
-    status = world.core.status()
-    assert (status.state, status.commander, status.next_commander) == ("HOLDING", "none", "none")
-    world.messages["target"] = STOPPED
-    world.pass_s(1.0)
-    assert world.core.arm(world.inputs()).accepted
-    assert {command.kind for command in [world.tick() for _ in range(100)]} == {"idle"}
 
 
 def test_a_relative_move_starts_from_the_angles_at_rest() -> None:

@@ -1,28 +1,21 @@
 """Permission and limits of motion: the arbiter's decisions, period by period."""
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
-from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_from_vector
-from common.motion.limits import Limits
+from common.motion.convert import pose_of
+from forcemesh.codec import MAX_BYTES, Header, encode
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import MAY_MOVE, RobotCommand
+from forcemesh.messages import RobotCommand, RobotStatus, Trip
+from services.arbiter.inputs import robot_faults
 from tests.fakes.arbiter_world import (
-    CELL,
-    MOVE_JOINTS,
     ROBOT_FAULTS,
     SPOILED,
-    STOPPED,
-    T_START,
     World,
     shifted,
     with_fault,
-    with_limits,
 )
 
-LIMITS = CELL.limits
+HEADER = Header(seq=1, epoch=2**62, boot="b" * 60, stamp_ns=10**15)
 INPUTS = ["robot", "sensor", "wrench", "target"] + [
     f"{role}/health" for role in ("hub", "robot", "sensor", "wrench", "regulator")
 ]
@@ -51,13 +44,6 @@ def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -
 # --- arming ---------------------------------------------------------------------------------------
 
 
-def test_the_first_command_is_hold() -> None:
-    """An arbiter that has just started permits nothing for any input."""
-    world = World()
-    world.propose(shifted(z_m=-0.001))
-    assert world.tick().permission is None
-
-
 def test_an_arbiter_without_inputs_reports_its_start() -> None:
     """Its status is available before its first period."""
     status = World().core.status()
@@ -79,29 +65,6 @@ def test_arming_needs_a_second_of_good_inputs() -> None:
     assert not world.core.arm(world.inputs()).accepted
     world.pass_s(0.2)
     assert world.core.arm(world.inputs()).accepted
-
-
-@each_input
-def test_arming_names_the_faulty_input(name: str) -> None:
-    """Swept: each input in turn; the refusal has nothing else."""
-    world = World().make_ready()
-    world.silent.add(name)
-    world.tick()
-    reply = world.core.arm(world.inputs())
-
-    assert (reply.accepted, reply.text) == (False, f"{name} {SPOILED}")
-    assert world.core.status().not_ready == (f"{name} {SPOILED}",)
-
-
-@pytest.mark.parametrize("code", ROBOT_FAULTS)
-def test_arming_names_the_fault_of_the_controller(code: str) -> None:
-    """Swept: each fault of the robot, with the remedy."""
-    world = World().make_ready()
-    world.change("robot", status=with_fault(code))
-    world.tick()
-
-    reply = world.core.arm(world.inputs())
-    assert (reply.code, reply.text) == (code, FAULTS[code].remedy)
 
 
 def test_a_process_with_another_cell_file_prevents_arming() -> None:
@@ -158,48 +121,40 @@ def test_an_input_that_fails_in_motion_is_a_fault_with_its_name(name: str, motio
     assert world.core.arm(world.inputs()).accepted
 
 
-@each_motion
-@pytest.mark.parametrize("name", ["robot", "sensor", "wrench"])
-def test_an_invalid_input_in_motion_is_a_fault(name: str, motion: str) -> None:
-    """The trip has the reason of the input."""
-    world = moving(motion)
-    world.change(name, valid=False, reason="no cable")
-    assert_stopped(world, world.tick(), "FAULT", f"{name} invalid: no cable")
-
-
-def codes_of_invalid(sensor: str, wrench: str) -> list[str]:
-    """Return the trips when sensor and wrench are not valid, with these codes."""
-    world = World().make_armed()
-    world.change("sensor", valid=False, code=sensor, reason="broken gage")
-    world.change("wrench", valid=False, code=wrench, reason="the sensor says fault: broken gage")
-    world.tick()
-    return [trip.text for trip in world.core.trips]
-
-
 @pytest.mark.parametrize(
-    "codes", [("sensor_fault", "sensor_fault"), ("", "sensor_fault"), ("", "")]
+    ("sensor", "wrench", "codes"),
+    [
+        ("sensor_fault", "sensor_fault", ["sensor_fault"]),
+        ("", "sensor_fault", ["invalid"]),
+        ("", "", ["invalid"]),
+        ("sensor_fault", "unpaired", ["sensor_fault", "invalid"]),
+        ("silent", "sensor_silent", ["sensor_silent"]),
+        ("silent", "silent", ["sensor_silent", "stale"]),
+    ],
 )
-def test_a_fault_of_the_sensor_is_reported_once(codes: tuple[str, str]) -> None:
+def test_a_fault_of_the_sensor_is_reported_once(sensor: str, wrench: str, codes: list[str]) -> None:
     """The wrench repeats it: the same cause is no second one."""
-    assert codes_of_invalid(*codes) == ["sensor invalid: broken gage"]
-
-
-def test_a_wrench_fault_is_reported_in_addition_to_the_sensors() -> None:
-    """Two faults at once are two trips."""
-    assert len(codes_of_invalid("sensor_fault", "unpaired")) == 2
-
-
-def test_a_silent_sensor_is_reported_once_and_a_silent_wrench_in_addition() -> None:
-    """The wrench's report of the sensor is left out; its own silence is not."""
     world = World().make_armed()
-    world.silent.add("sensor")
-    world.change("wrench", valid=False, code="sensor_silent", reason="sensor/wrench stale")
+    for name, code in (("sensor", sensor), ("wrench", wrench)):
+        if code == "silent":
+            world.silent.add(name)
+        else:
+            world.change(name, valid=False, code=code, reason="broken gage")
     world.tick()
-    assert [trip.code for trip in world.core.trips] == ["sensor_silent"]
-    world = World().make_armed()
-    world.silent |= {"sensor", "wrench"}
-    world.tick()
-    assert [trip.code for trip in world.core.trips] == ["sensor_silent", "stale"]
+    assert [trip.code for trip in world.core.trips] == codes
+
+
+def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
+    """Without a cause, and with a code of another version; a silent one by its age alone."""
+    world = World()
+    world.change("robot", status=RobotStatus())
+    assert [trip.code for trip in robot_faults(world.inputs())] == ["robot_error"]
+    unknown = Trip(code="of_a_later_version", rule=999, text="the coolant is low")
+    world.change("robot", status=RobotStatus(faults=(unknown,)))
+    (trip,) = robot_faults(world.inputs())
+    assert (trip.code, trip.text) == ("robot_error", "the coolant is low")
+    world.silent.add("robot")
+    assert robot_faults(world.inputs()) == []
 
 
 @each_motion
@@ -245,77 +200,6 @@ def test_a_fault_is_not_cleared_while_its_cause_is_present() -> None:
 
 
 @each_motion
-def test_the_force_ceiling_holds(motion: str) -> None:
-    """The ceiling itself is allowed; a newton more is a hold with both numbers."""
-    world = moving(
-        motion, LIMITS.force_N - 10.0
-    )  # from this load limits.move_rise_N does not trip first
-    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N))
-    assert world.tick().permission is not None
-    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
-    assert_stopped(world, world.tick(), "HOLDING", "force 61.0 N is above the ceiling")
-    assert world.core.status().trips[0].limit == LIMITS.force_N
-
-    assert world.core.arm(world.inputs()).code == "force"
-
-
-def test_the_torque_ceiling_holds() -> None:
-    """The same holds about the TCP."""
-    world = World().make_armed()
-    world.change("wrench", torque_Nm=(0.0, LIMITS.torque_Nm + 0.1, 0.0))
-    assert_stopped(world, world.tick(), "HOLDING", "torque 10.10 N m is above the ceiling")
-
-
-@each_motion
-@pytest.mark.parametrize(
-    ("axis", "to_m"), [(0, -0.41), (0, 0.41), (1, 0.19), (1, 0.81), (2, -0.05), (2, 0.77)]
-)
-def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: float) -> None:
-    """Swept: each wall, checked at the measured TCP, 160 mm below the flange."""
-    world = moving(motion)
-    p = T_START.translation.copy()
-    p[axis] = to_m
-    world.place(pin.SE3(T_START.rotation, p))
-    assert_stopped(world, world.tick(), "HOLDING", f"TCP {'xyz'[axis]} = ")
-
-
-@each_motion
-def test_the_tether_holds_for_every_kind_of_motion(motion: str) -> None:
-    """The travel since arming is measured: a joint move has no end pose to check before."""
-    world = with_limits(tether_m=0.2).make_armed()
-    if motion == "operator":
-        assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
-    elif motion == "regulator":
-        world.propose(record_of(T_START))
-    world.tick()
-    world.place(pose_of(shifted(y_m=-0.1999)))
-    world.messages["target"] = STOPPED
-    assert world.tick().permission is not None
-    world.place(pose_of(shifted(y_m=-0.201)))
-    assert_stopped(world, world.tick(), "HOLDING", "201 mm away from the pose at arming")
-
-
-@pytest.mark.parametrize("motion", ["operator", "regulator"])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_tether_holds_a_tool_that_keeps_turning(motion: str, axis: int) -> None:
-    """The rotation since arming is measured: steps within the other limits end within one turn.
-
-    A tool that keeps turning tears its cables.
-    """
-    world = moving(motion)
-    limit_deg = np.degrees(Limits.of(CELL).tether_rad)
-    turned_deg = 0.0
-    while world.core.state in MAY_MOVE and turned_deg < 360.0:
-        turned_deg += 0.5
-        turn = np.radians(turned_deg) * np.eye(3)[axis]
-        world.place(pin.SE3(rotation_from_vector(turn) @ T_START.rotation, T_START.translation))
-        world.messages["target"] = STOPPED
-        world.tick()
-    assert turned_deg == pytest.approx(limit_deg, abs=0.6)
-    assert world.core.status().trips[0].code == "tether"
-
-
-@each_motion
 def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
     """It has a cause that the arbiter does not know; shortly after arming it may still hold."""
     world = moving(motion)
@@ -335,19 +219,6 @@ def test_a_failed_regulator_stops_no_other_commander(motion: str) -> None:
     world.propose(None, valid=False, reason="wrench stale")
     kind = {"none": "idle", "operator": "goal"}[motion]
     assert {world.tick().kind for _ in range(10)} == {kind}
-
-
-def test_a_failed_regulator_holds() -> None:
-    """Invalid with a mode: it runs and cannot continue. Invalid without one: it was stopped."""
-    world = World().make_active("regulator")
-    world.change("target", valid=False, reason="wrench stale")
-    assert_stopped(world, world.tick(), "HOLDING", "the regulator gave up: wrench stale")
-
-    world = World().make_active("regulator")
-    world.messages["target"] = STOPPED
-    command = world.tick()
-    assert (command.kind, world.core.state) == ("idle", "ARMED")
-    assert command.permission is not None
 
 
 # --- motion that no command explains --------------------------------------------------------------
@@ -413,3 +284,53 @@ def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
     assert world.core.state == "FAULT"
     world.change("robot", hold=None)
     assert world.core.clear(world.inputs()).accepted
+
+
+# --- hold -----------------------------------------------------------------------------------------
+
+
+@each_motion
+def test_hold_stops_every_commander(motion: str) -> None:
+    """It stops in the same period with the reason, and a new arming is sufficient."""
+    world = moving(motion)
+    assert world.core.hold("coffee").accepted
+    command = world.tick()
+    assert (command.kind, command.permission) == ("hold", None)
+    assert "coffee" in command.reason
+    assert world.core.state == "HOLDING"
+    assert world.core.clear(world.inputs()).accepted
+    assert (world.core.state, world.core.status().trips) == ("IDLE", ())
+
+
+def test_hold_is_accepted_in_every_state() -> None:
+    """This includes states at rest; a hold never leads to a state that may move."""
+    world = World()
+    for prepare, state in (
+        (lambda: None, "BOOT"),
+        (world.make_ready, "HOLDING"),
+        (lambda: None, "HOLDING"),
+        (lambda: world.core.arm(world.inputs()), "HOLDING"),
+    ):
+        prepare()
+        assert world.core.hold("again").accepted
+        assert world.core.state == state
+    assert world.core.arm(world.inputs()).accepted
+    world.silent.add("robot")
+    world.tick()
+    assert world.core.hold("again").accepted
+    assert world.core.state == "FAULT"
+
+
+@pytest.mark.parametrize("letter", ["x", "ж", "\U0001f916"])
+def test_status_and_command_fit_for_any_length_of_reasons(letter: str) -> None:
+    """Status and command can always be sent: a text must not silence the arbiter."""
+    world = World().make_ready()
+    for name in list(world.messages):
+        world.change(name, valid=False, reason=letter * 370)
+    for _ in range(12):
+        world.core.hold(letter * 500)
+        command = world.tick()
+        assert len(encode(HEADER, command)) < MAX_BYTES / 2
+        assert len(encode(HEADER, world.core.status())) < MAX_BYTES
+    assert letter in world.core.status().trips[-1].text
+    assert world.core.status().not_ready

@@ -13,9 +13,8 @@ from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
-from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
+from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
-from services.arbiter.freeing import Freeing
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
 
@@ -182,33 +181,6 @@ def test_no_other_command_is_accepted_meanwhile() -> None:
     assert (world.tick().kind, codes(world)) == ("hold", ["hold"])
 
 
-def test_a_rising_force_ends_it() -> None:
-    """It ends at 3 N above the least force so far, also far below the ceiling."""
-    world = loaded((0.0, 0.0, 65.0))
-    assert back_off(world).accepted
-    world.tick(50)
-    for force, continues in ((50.0, True), (40.0, True), (42.9, True), (43.1, False)):
-        world.change("wrench", force_N=(0.0, 0.0, force))
-        assert (world.tick().permission is not None) == continues
-    assert codes(world) == ["force"]
-
-
-def test_a_full_travel_that_did_not_free_the_arm_is_reported() -> None:
-    """On a soft contact 20 mm remove 16 N; a second request continues."""
-    world = loaded()
-    for again in range(2):
-        assert back_off(world).accepted
-        for _ in range(2000):
-            command = world.tick()
-            if command.permission is None:
-                break
-            follow(world, command)
-            spring(world, 800.0, 75.0)
-        assert codes(world) == ["still_loaded"], again
-        assert "full travel used" in world.core.status().trips[0].text
-        world.pass_s(1.1)
-
-
 forces = st.lists(
     st.tuples(*[st.floats(-120.0, 120.0)] * 3, st.integers(1, 60)), min_size=1, max_size=8
 )
@@ -261,18 +233,6 @@ def test_a_move_stops_at_its_own_force_rise() -> None:
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
-
-
-def test_the_arbiters_own_goal_is_checked_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A goal beyond a limit is refused by its number, and the lease ends in a hold."""
-    monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
-    world = loaded()
-    reply = back_off(world)
-    assert (reply.accepted, reply.code) == (False, "speed")
-    assert (reply.value, reply.limit) == (2.0 * SPEED_M_S, SPEED_M_S)
-    for _ in range(20):
-        assert world.tick().kind == "hold"
-    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])
 
 
 def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:

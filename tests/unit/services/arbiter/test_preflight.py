@@ -82,24 +82,6 @@ def test_a_process_of_another_version_prevents_arming() -> None:
     assert f"wrench runs version 0.0.1, here {__version__}" in text
 
 
-def test_an_arm_whose_controller_reports_motion_is_not_armed() -> None:
-    """This holds also when its pose does not show it."""
-    world = World().make_ready()
-    world.change("robot", status=FIT.replaced(moving=True))
-    world.pass_s(1.0)
-    assert refused_with(world) == ("moving", False)
-    assert any("at rest" in line for line in world.core.status().not_ready)
-
-
-def test_noise_of_the_pose_is_rest() -> None:
-    """Its size is a tenth of a millimetre, as a coarse scale of the packet causes."""
-    world = World().make_ready()
-    for number in range(50):
-        world.place(near_start(1e-4 * (number % 2)))
-        world.tick()
-    assert world.core.arm(world.inputs()).accepted
-
-
 def test_commanded_motion_is_no_fault() -> None:
     """The status of an arm that moves under a goal does not require rest."""
     world = World().make_active("operator")
@@ -189,30 +171,6 @@ def test_a_drift_of_a_tenth_of_a_newton_per_second_is_detected() -> None:
     assert world.core.state == "ARMED"
 
 
-def test_a_touch_that_ends_leaves_no_residual() -> None:
-    """Repeated touches shorter than half a second leave nothing."""
-    world = World().make_ready()
-    for _ in range(5):
-        set_force(world, 20.0)
-        world.pass_s(RESIDUAL_S - 0.04)
-        set_force(world, 0.1)
-        world.tick()
-    assert world.core.arm(world.inputs()).accepted
-
-
-def test_contact_that_the_regulator_found_is_expected() -> None:
-    """After a hold during a press the arm is armed again: the last free space counts."""
-    world = World().make_active("regulator")
-    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    set_force(world, 20.0)
-    world.pass_s(2.0)
-    world.core.hold("coffee")
-    world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
-    world.pass_s(5.0)
-    assert world.core.status().not_ready == ()
-    assert world.core.arm(world.inputs()).accepted
-
-
 @pytest.mark.parametrize("cause", ["tared", "restarted"])
 def test_with_another_bias_contact_is_no_longer_expected(cause: str) -> None:
     """The contact's share of the force is unknown: jog away, then tare."""
@@ -230,21 +188,6 @@ def test_with_another_bias_contact_is_no_longer_expected(cause: str) -> None:
     assert refused_with(world) == ("payload", True)
 
 
-def test_after_contact_has_ended_the_free_space_is_checked_again() -> None:
-    """A residual after the retreat is not the earlier contact."""
-    world = World().make_active("regulator")
-    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    set_force(world, 20.0)
-    world.tick(2)
-    world.core.hold("coffee")
-    world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
-    set_force(world, 0.0)
-    world.tick()
-    set_force(world, 5.0)
-    world.pass_s(1.0)
-    assert refused_with(world) == ("payload", True)
-
-
 def test_an_invalid_calibration_is_reported_and_jog_is_possible() -> None:
     """The wrench itself reports it with the reason (H45)."""
     world = World().make_ready()
@@ -252,19 +195,6 @@ def test_an_invalid_calibration_is_reported_and_jog_is_possible() -> None:
     assert refused_with(world) == ("payload", True)
     world.tick()
     assert "another sensor" in " ".join(world.core.status().not_ready)
-
-
-def test_a_residual_torque_is_reported_like_a_force() -> None:
-    """Only the torque shows a wrong centre of mass."""
-    world = World().make_ready()
-    over_Nm = 1.1 * CELL.force.idle_max_Nm
-    world.change("wrench", torque_Nm=(0.0, over_Nm, 0.0))
-    world.pass_s(1.0)
-    reply = world.core.arm(world.inputs())
-    assert (reply.code, reply.limit) == ("payload", CELL.force.idle_max_Nm)
-    assert residual_unit(world) == "N m"
-    assert reply.value == pytest.approx(over_Nm)
-    assert "N m" in reply.text
 
 
 def running() -> World:

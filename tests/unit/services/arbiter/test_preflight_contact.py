@@ -4,8 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -52,18 +50,6 @@ def test_the_stiffest_measured_contact_is_accepted_and_a_stiffer_one_refused(row
     world = World(cell).make_ready()
     assert world.core.arm(world.inputs()).code == "stiffness"
     assert world.core.arm(world.inputs(), "jog").accepted
-
-
-@given(st.floats(0.002, 0.5), st.floats(0.002, 0.5))
-def test_longer_segments_never_bear_more(one_s: float, other_s: float) -> None:
-    """Stiffness and rise of the force fall with the segment; beyond the last row nothing holds."""
-    shorter, longer = (segment_range(each) for each in sorted((one_s, other_s)))
-    if longer is None:
-        assert max(one_s, other_s) > LONGEST_S
-        return
-    assert shorter is not None
-    assert shorter.stiffest_N_m >= longer.stiffest_N_m
-    assert shorter.force_rate_N_s >= longer.force_rate_N_s
 
 
 def test_longer_segments_than_all_measured_ones_are_refused() -> None:

@@ -11,7 +11,7 @@ from common.motion.convert import pose_of
 from common.motion.joint_space import JointStream
 from common.motion.limits import ArmBounds, Limits
 from common.motion.rate_limiter import CommandedMotion, at_rest
-from forcemesh.faults import FAULTS, tripped
+from forcemesh.faults import tripped
 from forcemesh.messages import Trip, WrenchAtTcp
 from services.arbiter.stream import (
     REACTIONS,
@@ -54,17 +54,6 @@ def run(world: RobotWorld, velocity_m_s: tuple[float, float, float], periods: in
             return
 
 
-def test_a_target_that_is_not_finite_ends_the_stream() -> None:
-    """It is refused as a place, and the motion does not follow it."""
-    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
-    target = T_START.copy()
-    target.translation = np.array([np.nan, 0.5, 0.3])
-    tick = Tick(T_START, 0, DT_S, DT_S)
-    trip = follow(at_rest(T_START), target, bounds, tick, dt_s=DT_S)
-    assert isinstance(trip, Trip)
-    assert trip.code == "not_finite"
-
-
 # --- the table ------------------------------------------------------------------------------------
 
 
@@ -72,19 +61,6 @@ def test_the_table_has_exactly_these_soft_reactions() -> None:
     """A missing row would be an immediate hold without notice."""
     fades = {"workspace", "tether", "joint_speed", "regulator", "travel"}
     assert dict.fromkeys(fades, "fade") | {"force": "retreat", "torque": "retreat"} == REACTIONS
-
-
-@pytest.mark.parametrize("code", REACTIONS)
-def test_only_a_hold_that_can_be_armed_again_is_soft(code: str) -> None:
-    """A FAULT concerns something that is no longer reliable, so the arm stops at once."""
-    assert FAULTS[code].kind == "HOLD"
-    assert REACTIONS[code] in {"fade", "retreat"}
-
-
-@pytest.mark.parametrize("code", ["hold", "step", "tracking", "robot_holds", "rate", "not_finite"])
-def test_urgent_causes_hold_at_once(code: str) -> None:
-    """An operator's hold, an arm that does not follow, and invalid commands."""
-    assert code not in REACTIONS
 
 
 def test_a_target_for_the_controller_without_content_holds() -> None:
@@ -234,16 +210,6 @@ def test_the_tool_retreats_along_its_axis_and_holds(retreat_m: float, speed_m_s:
     assert f"{SOFT_N:.1f} N" in trip.text
     assert "the tool went back" in trip.text
     assert trip.limit == pytest.approx(RETREAT_FROM * LIMITS.force_N)
-
-
-def test_without_the_option_there_is_no_retreat_and_the_whole_ceiling_counts() -> None:
-    """By default the arm holds at its present pose, at the ceiling of the cell."""
-    world = pressing(0.0)
-    assert world.tick().kind == "setpoint"
-    assert world.core.state == "ACTIVE"
-    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
-    assert world.tick().kind == "hold"
-    assert world.core.status().trips[0].limit == LIMITS.force_N
 
 
 @pytest.mark.parametrize("force_N", [(0.0, 0.0, -SOFT_N), (SOFT_N, 0.0, 0.0)])

@@ -72,13 +72,6 @@ def test_half_a_percent_of_the_monitor_speed_is_rounding(change: float, holds: b
     assert (world.tick().permission is None) == holds
 
 
-def test_a_monitor_speed_that_changes_in_a_move_is_accepted() -> None:
-    """The move is slower then."""
-    world = measured(World(), monitor_speed_fraction=1.0).make_active("operator")
-    measured(world, monitor_speed_fraction=0.3)
-    assert world.tick(20).permission is not None
-
-
 @pytest.mark.parametrize(("share", "continues"), [(1.4, True), (1.6, False)])
 def test_a_controller_that_becomes_late_while_pressing_holds(share: float, continues: bool) -> None:
     """The limit is 1.5 times the value of the cell file."""

@@ -26,14 +26,12 @@ JUDGES = {
     ),
     "common.motion.limits": (
         "unit/common/motion/test_limits",
-        "unit/common/motion/test_limits_windows",
         "unit/common/motion/test_last_check",
         "unit/services/arbiter/test_core_limits",
         "unit/services/arbiter/test_core",
     ),
     "common.motion.rate_limiter": (
         "unit/common/motion/test_rate_limiter",
-        "unit/common/motion/test_limits_windows",
         "unit/services/arbiter/test_core_limits",
     ),
     "common.motion.setpoint_monitor": (

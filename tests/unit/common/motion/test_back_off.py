@@ -137,15 +137,6 @@ def test_a_tool_behind_a_plane_backs_off_by_its_normal() -> None:
     assert float(found.travel_m @ limits.planes[0].normal) > 0.0
 
 
-def test_a_force_that_leads_farther_out_is_not_followed() -> None:
-    """Outside above, pushed upwards: the sentence names that."""
-    T = shifted(DOWN, z_m=LIMITS.workspace_max_m[2] - DOWN.translation[2] + 0.165)
-    found = plan(T, wrench_of((0.0, 0.0, 75.0)))
-    assert isinstance(found, Trip)
-    assert found.code == "workspace"
-    assert "farther out" in found.text
-
-
 # --- the ratchet ----------------------------------------------------------------------------------
 
 
@@ -227,19 +218,6 @@ def test_the_robot_takes_nothing_but_that_goal() -> None:
     assert code(guard.goal(nowhere, SLOW, DOWN, JOINTS)) == "state"
     free = freed_guard(wrench_of((0.0, 0.0, 5.0)))
     assert code(free.goal(goal_to(shifted(DOWN, z_m=0.01)), SLOW, DOWN, JOINTS)) == "already"
-
-
-@pytest.mark.parametrize(
-    ("x_m", "rule"), [(0.19e-3, ""), (0.21e-3, "workspace"), (3e-3, "workspace")]
-)
-def test_the_travel_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
-    x_m: float, rule: str
-) -> None:
-    """The tool at the wall, pushed upwards: 0.2 mm aside; the direction alone would let it pass."""
-    at_wall = pin.SE3(DOWN.rotation, np.array([0.4, 0.5, 0.3]))
-    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)), at_wall)
-    goal = goal_to(shifted(at_wall, x_m=x_m, z_m=0.010))
-    assert code(guard.goal(goal, SLOW, at_wall, JOINTS)) == rule
 
 
 def test_the_robot_s_ceiling_is_a_ratchet_then_and_the_cell_s_again_afterwards() -> None:

@@ -41,12 +41,6 @@ quaternions = hnp.arrays(float, 4, elements=st.floats(-1.0, 1.0)).filter(
 )
 
 
-def product(oat: Oat) -> np.ndarray:
-    """Return Rz(o) Ry(a) Rz(t) as pinocchio multiplies it."""
-    rotate = pin.utils.rotate
-    return np.asarray(rotate("z", oat.o) @ rotate("y", oat.a) @ rotate("z", oat.t))
-
-
 def angle_between(R: np.ndarray, Q: np.ndarray) -> float:
     """Return the angle between two orientations [rad], exact for small ones too."""
     return 2.0 * math.asin(min(1.0, float(np.linalg.norm(R - Q)) / math.sqrt(8.0)))
@@ -59,12 +53,6 @@ def assert_rotation(R: np.ndarray) -> None:
 
 
 # --- O, A, T --------------------------------------------------------------------------------------
-
-
-@given(st.builds(Oat, angles, st.floats(-10.0, 10.0), angles))
-def test_oat_is_the_product_of_three_turns(oat: Oat) -> None:
-    """ZYZ, intrinsic: the same matrix as pinocchio's product, for any angles."""
-    assert R_from_oat(oat) == pytest.approx(product(oat), abs=1e-12)
 
 
 @given(angles, tilts, angles)

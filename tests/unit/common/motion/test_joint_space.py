@@ -146,14 +146,6 @@ def test_a_joint_beyond_its_range_may_return() -> None:
     assert trip.code == "joint"
 
 
-def test_a_joint_that_is_too_fast_is_named() -> None:
-    """Of all joints, the one beyond its limit by the largest factor."""
-    speeds = KAWASAKI.speed_rad_s * np.array([0.5, 1.1, 1.0, 1.2, 0.0, 0.1])
-    trip = KAWASAKI.speed_trip(-speeds)
-    assert trip.text == "joint 4 would turn at 264 degrees/s"
-    assert (trip.value, trip.limit) == (speeds[3], KAWASAKI.speed_rad_s[3])
-
-
 def test_a_stop_that_joints_cannot_make_is_refused() -> None:
     """Far from a singularity: the flange, against its own limits, reverses within a period."""
     q = HOME["rs007l"]

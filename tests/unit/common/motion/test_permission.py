@@ -205,15 +205,3 @@ def test_a_turn_that_was_received_and_refused_ends_the_ones_before_it_all_the_sa
         verdict = gate.judge(command_reading(lease=lease, turn=turn, seq=2), NOW_NS)
         assert (verdict.command, verdict.hold_code) == (None, "no_lease")
     assert gate.judge(command_reading(lease=5, turn=2, seq=3), NOW_NS).command is not None
-
-
-def test_a_command_of_any_ended_lease_ends_the_live_one_and_stays_dead() -> None:
-    """Also of an arbiter before the present one: after an interruption a person arms."""
-    gate, ended = CommandGate(START), list[Reading[RobotCommand]]()
-    for lease, epoch in ((1, 1), (2, 1), (3, 9)):
-        live = command_reading(lease, epoch=epoch, challenge=gate.challenge)
-        assert gate.judge(live, NOW_NS).command is not None
-        for reading in (*ended, live) if ended else ():
-            assert gate.judge(reading, NOW_NS).command is None
-        gate.judge(NOTHING, NOW_NS)
-        ended.append(live)

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.motion.frames import rotation_between, rotation_from_vector
+from common.motion.frames import rotation_between
 from common.motion.limits import Limits
 from common.motion.rate_limiter import (
     REST,
@@ -86,36 +86,6 @@ def test_a_constant_target_is_reached_and_not_passed(p_target, turn_target) -> N
         if is_at_target(motion) and motion.is_at_rest:
             break
     assert motion.T_base_flange is T_target
-
-
-@given(speed=st.floats(-1.0, 1.0), start=st.floats(-1.0, 1.0))
-def test_a_stream_within_the_limits_is_let_through_untouched(speed: float, start: float) -> None:
-    """The very object each period, so the force loop does not feel that there are limits."""
-    most_m = LIMITS.accel_m_s2 * DT_S * DT_S
-    travel_m, y_m, motion = (
-        0.0,
-        0.1 * start,
-        at_rest(pose_at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3))),
-    )
-    for _ in range(20):
-        travel_m = max(
-            min(travel_m + speed * most_m, LIMITS.speed_m_s * DT_S), -LIMITS.speed_m_s * DT_S
-        )
-        y_m += 0.999 * travel_m
-        T_target = pose_at(np.array([0.0, y_m, 0.0]), np.zeros(3))
-        motion = limit_motion(LIMITS, motion, T_target, DT_S)
-        assert motion.T_base_flange is T_target
-
-
-@given(turns.filter(lambda turn: size(turn) > 0.01), spots)
-def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
-    """Travel and turn are cut by the same share: in the first period the tip hardly moves."""
-    T_target = pose_at(tip_m - rotation_from_vector(turn) @ tip_m, turn)
-    motion = limit_motion(LIMITS, at_rest(pose_at(np.zeros(3), np.zeros(3))), T_target, DT_S)
-    T, first_rad = motion.T_base_flange, LIMITS.accel_rad_s2 * DT_S * DT_S
-    slip_m = size(T.act(tip_m) - tip_m)
-
-    assert slip_m <= size(turn) * first_rad * size(tip_m) + 1e-9
 
 
 # --- to the last digit ----------------------------------------------------------------------------

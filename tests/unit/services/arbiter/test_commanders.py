@@ -5,23 +5,18 @@ import math
 import pytest
 
 from common.config.arm import UNKNOWN_ARM
-from common.motion.convert import pose_of
-from forcemesh.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
+from forcemesh.messages import GoalReport, PoseRecord, Speed
 from forcemesh.requests import MoveRequest
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,
-    MOVE_JOINTS,
     PERIOD_NS,
-    STOPPED,
     World,
-    distance_m,
     shifted,
     with_limits,
 )
 
 LIMITS = CELL.limits
-FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
 FIRST_M = LIMITS.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # way of the first period from rest
 NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
@@ -41,40 +36,6 @@ BAD_MOVES = {
 }
 
 
-# --- one commander --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
-def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
-    """A move is refused in every other state, with the remedy."""
-    world = World()
-    if ready != "BOOT":
-        world.make_ready()
-    if ready == "HOLDING":
-        world.core.hold("enough")
-    if ready == "FAULT":
-        world.core.arm(world.inputs())
-        world.silent.add("sensor")
-        world.tick()
-    reply = world.core.move(MOVE_DOWN, world.inputs())
-
-    assert (reply.accepted, reply.code) == (False, "not_armed")
-    assert ready in reply.text
-
-
-def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
-    """After a hold and an arming, force feedback continues only after a new start."""
-    world = World().make_active("regulator")
-    world.core.hold("enough")
-    assert world.core.arm(world.inputs()).accepted
-    assert world.tick(100).kind == "idle"
-
-    world.messages["target"] = STOPPED
-    world.tick()
-    world.propose(shifted())
-    assert world.tick().kind == "setpoint"
-
-
 # --- goals ----------------------------------------------------------------------------------------
 
 
@@ -91,18 +52,6 @@ def test_a_goal_is_repeated_each_period_until_the_robot_reports() -> None:
     assert world.tick().kind == "goal"
     world.report_goal("done")
     assert (world.tick().kind, world.core.state, world.core.status().trips) == ("idle", "ARMED", ())
-
-
-def test_a_goal_that_the_robot_refuses_is_reported_and_does_not_hold() -> None:
-    """The status has the reason, the arm stays armed, the next move clears it."""
-    world = World().make_active("operator")
-    world.report_goal("refused", reason="out of reach")
-    assert world.tick().kind == "idle"
-    assert [trip.text for trip in world.core.status().trips] == ["out of reach"]
-    assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
-    world.pass_s(0.2)
-    assert world.core.state == "ACTIVE"
-    assert world.core.status().trips == ()
 
 
 @pytest.mark.parametrize("last_id", [0, 1, 2, 10**6])
@@ -142,39 +91,7 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     assert world.tick().speed == right
 
 
-def test_the_speed_of_a_move_is_for_that_move_only() -> None:
-    """A fast move does not make the next one fast."""
-    world = World().make_armed()
-    slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
-    world.core.set_speed(slow)
-    world.core.move(MOVE_DOWN.replaced(speed_m_s=0.2), world.inputs())
-    speed = world.tick().speed
-    assert speed.mechanical_m_s * speed.modular_fraction == pytest.approx(0.2)
-    assert speed.accel_fraction == 0.3
-    world.report_goal("done")
-    assert world.tick().speed == slow
-    world.core.move(MOVE_JOINTS, world.inputs())
-    assert world.pass_s(0.2).kind == "goal"
-    assert world.tick().speed == slow
-
-
 # --- set points -----------------------------------------------------------------------------------
-
-
-def test_force_feedback_that_returns_from_the_controller_starts_at_the_arm() -> None:
-    """The controller has moved the arm: the last set point is no longer its pose."""
-    world = World().make_active("regulator")
-    away = shifted(y_m=-0.015)
-    world.propose(None, host="controller", feedback=FEEDBACK)
-    assert world.tick().kind == "idle"
-    assert world.pass_s(0.2).kind == "feedback"
-    world.place(pose_of(away))
-    world.tick(5)
-    world.propose(away)
-    assert world.tick().kind == "idle"
-    command = world.pass_s(0.2)
-    assert command.kind == "setpoint"
-    assert distance_m(command.pose, away) <= 1e-12
 
 
 def test_an_arm_without_a_model_follows_set_points_too() -> None:

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
 from common.motion.permission import outranks
-from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
-from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
+from services.arbiter.commanders import REST_S
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import (
     CELL,
@@ -94,25 +93,6 @@ def test_the_next_owner_begins_when_the_arm_is_at_rest(owner: str, requester: st
     assert len(between) >= world.lag_periods + world.brake_periods + rested - 1
 
 
-@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
-def test_the_previous_owner_is_notified(owner: str, requester: str) -> None:
-    """The status has the new owner at once, and still while the new one commands."""
-    world = RobotWorld().give(owner)
-    world.ask(requester)
-    status = world.core.status()
-    assert (status.state, status.commander, status.next_commander) == (
-        "SETTLING",
-        "none",
-        requester,
-    )
-    settle(world)
-    status = world.core.status()
-
-    assert (status.commander, status.next_commander) == (requester, "none")
-    assert [trip.code for trip in status.trips] == ["preempted"]
-    assert status.trips[0].text == f"the {requester} took the arm from the {commander_of(owner)}"
-
-
 @pytest.mark.parametrize("host", ["regulator", "controller"])
 @pytest.mark.parametrize("owner", REQUESTERS)
 def test_force_feedback_never_takes_the_arm_from_a_move(owner: str, host: str) -> None:
@@ -164,50 +144,6 @@ def test_a_robot_without_an_echo_of_the_new_turn_delays_the_hand_over() -> None:
 
     world.change("robot", accepted=Accepted(epoch=1, seq=1, ownership=turn + 1, at_ns=1))
     assert world.pass_s(0.2).commander == "operator"
-
-
-def test_a_robot_that_holds_by_itself_stops_the_hand_over() -> None:
-    """Its lease may have ended: then the arbiter holds soon, and only an operator clears it."""
-    world = RobotWorld().give("program")
-    world.ask("operator")
-    for _ in range(200):
-        world.change("robot", hold=tripped("robot_holds", "lease 1 ended"), accepted=None)
-        World.tick(world)
-        assert world.core.status().commander == "none"
-    assert world.core.state == "HOLDING"
-    assert world.core.status().trips[-1].code == "robot_holds"
-
-
-def test_an_arm_that_does_not_come_to_rest_is_held_with_the_reason() -> None:
-    """The wait is limited, and no owner begins on a moving arm."""
-    world = RobotWorld(brake_periods=10**6).give("program")
-    world.ask("operator")
-    world.tick(round((SETTLE_WITHIN_S - 0.1) * 1e9 / PERIOD_NS))
-    assert world.core.state == "SETTLING"
-    world.tick(round(0.2 * 1e9 / PERIOD_NS))
-
-    assert world.core.state == "HOLDING"
-    (trip,) = world.core.status().trips
-    assert (trip.code, "operator" in trip.text) == ("handover", True)
-
-
-def test_a_pending_owner_is_replaced_by_a_higher_rank_only() -> None:
-    """A program waits for the regulator's arm; the operator replaces it, a program does not."""
-    world = RobotWorld().give("regulator")
-    first = world.ask("program")
-    assert first is not None
-    again = world.ask("program")
-    assert again is not None
-    assert (again.code, "program" in again.text) == ("busy", True)
-    reply = world.ask("operator")
-    assert reply is not None
-    assert reply.accepted
-    assert world.core.status().trips[0].text == "the operator took the arm from the program"
-    command = settle(world)
-
-    assert command.goal is not None
-    assert (command.commander, command.goal.id) == ("operator", reply.value)
-    assert first.value != reply.value
 
 
 def test_a_relative_move_starts_from_the_angles_at_rest() -> None:

@@ -5,9 +5,11 @@ import pytest
 from common.motion.convert import pose_of
 from forcemesh.codec import MAX_BYTES, Header, encode
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import RobotCommand, RobotStatus, Trip
+from forcemesh.messages import Accepted, RobotCommand, RobotStatus, Trip
+from services.arbiter.core import Arbiter
 from services.arbiter.inputs import robot_faults
 from tests.fakes.arbiter_world import (
+    DEADLINE_S,
     ROBOT_FAULTS,
     SPOILED,
     World,
@@ -74,32 +76,6 @@ def test_a_process_with_another_cell_file_prevents_arming() -> None:
     world.tick()
 
     assert "wrench runs with another cell file" in world.core.arm(world.inputs()).text
-
-
-def test_a_regulator_that_is_stopped_does_not_prevent_arming() -> None:
-    """Its target may be invalid for any reason, but must be received."""
-    world = World().make_ready()
-    world.change("target", reason="arbiter/status stale: 600 ms old, limit 500 ms")
-    world.tick()
-
-    assert world.core.arm(world.inputs()).accepted
-
-
-def test_each_arming_has_a_new_lease() -> None:
-    """Numbers only grow, and the command has the announced one."""
-    world = World().make_ready()
-    leases = []
-    for _ in range(3):
-        assert world.core.arm(world.inputs()).accepted
-        command = world.tick()
-        assert command.permission is not None
-        assert command.permission.deadline_s == 0.04
-        leases.append(command.permission.lease)
-        assert world.core.status().lease == leases[-1]
-        assert world.core.arm(world.inputs()).code == "already"
-        world.core.hold("enough")
-        world.tick()
-    assert leases == [1, 2, 3]
 
 
 # --- inputs that fail in motion -------------------------------------------------------------------
@@ -212,94 +188,35 @@ def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
     assert world.pass_s(1.0).permission is not None
 
 
-@pytest.mark.parametrize("motion", ["none", "operator"])
-def test_a_failed_regulator_stops_no_other_commander(motion: str) -> None:
-    """It did not command: the goal continues, the arm stays armed."""
-    world = moving(motion)
-    world.propose(None, valid=False, reason="wrench stale")
-    kind = {"none": "idle", "operator": "goal"}[motion]
-    assert {world.tick().kind for _ in range(10)} == {kind}
-
-
 # --- motion that no command explains --------------------------------------------------------------
 
 
-def goes_on(world: World) -> None:
-    """Leave everything as it is."""
-
-
-def holds(world: World) -> None:
-    """Request a hold."""
-    world.core.hold("enough")
-
-
-def clears(world: World) -> None:
-    """Hold, then return to IDLE."""
-    world.core.hold("enough")
-    world.core.clear(world.inputs())
-
-
-def regulates(world: World) -> None:
-    """Let the regulator command the arm."""
-    world.activate("regulator")
-
-
-def locks(world: World) -> None:
-    """Hold, and switch TEACH LOCK on: a person may guide the arm."""
-    world.core.hold("enough")
-    world.change("robot", status=with_fault("robot_lock"))
-
-
-def restarts(world: World) -> None:
-    """Hold, and restart the robot's process when the arm is about to move."""
-    world.core.hold("enough")
-    world.pass_s(1.0)
-    world.epochs["robot"] = 2
-
-
 @pytest.mark.parametrize(
-    ("prepare", "is_found"),
-    [(goes_on, True), (holds, True), (clears, False), (regulates, False), (locks, False),
-     (restarts, False)],
+    ("before", "is_found"),
+    [("armed", True), ("held", True), ("cleared", False), ("regulated", False), ("locked", False),
+     ("restarted", False)],
 )  # fmt: skip
-def test_an_arm_that_moves_though_nothing_moves_it_is_a_fault(prepare, is_found: bool) -> None:
-    """In ARMED and HOLDING, by the reports alone: the robot's process does not notice."""
+def test_an_arm_that_moves_though_nothing_moves_it_is_a_fault(before: str, is_found: bool) -> None:
+    """By the reports alone; not where a commander, a person or another process moves it."""
     world = World().make_armed()
-    prepare(world)
-    if prepare is not restarts:
-        world.pass_s(1.0)
+    if before == "regulated":
+        world.activate("regulator")
+    elif before != "armed":
+        world.core.hold("enough")
+    if before == "cleared":
+        world.core.clear(world.inputs())
+    if before == "locked":
+        world.change("robot", status=with_fault("robot_lock"))
+    world.pass_s(1.0)
+    if before == "restarted":
+        world.epochs["robot"] = 2
     world.place(pose_of(shifted(x_m=0.004)))
     world.tick(4)
     assert ("unexplained_motion" in [trip.code for trip in world.core.trips]) == is_found
     assert (world.core.state == "FAULT") == is_found
 
 
-def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
-    """Its own monitor may see what no report shows."""
-    world = World().make_armed()
-    holds(world)
-    world.tick()
-    world.change("robot", hold=tripped("unexplained_motion", "3 mm"))
-    world.tick()
-    assert world.core.state == "FAULT"
-    world.change("robot", hold=None)
-    assert world.core.clear(world.inputs()).accepted
-
-
 # --- hold -----------------------------------------------------------------------------------------
-
-
-@each_motion
-def test_hold_stops_every_commander(motion: str) -> None:
-    """It stops in the same period with the reason, and a new arming is sufficient."""
-    world = moving(motion)
-    assert world.core.hold("coffee").accepted
-    command = world.tick()
-    assert (command.kind, command.permission) == ("hold", None)
-    assert "coffee" in command.reason
-    assert world.core.state == "HOLDING"
-    assert world.core.clear(world.inputs()).accepted
-    assert (world.core.state, world.core.status().trips) == ("IDLE", ())
 
 
 def test_hold_is_accepted_in_every_state() -> None:
@@ -334,3 +251,58 @@ def test_status_and_command_fit_for_any_length_of_reasons(letter: str) -> None:
         assert len(encode(HEADER, world.core.status())) < MAX_BYTES
     assert letter in world.core.status().trips[-1].text
     assert world.core.status().not_ready
+
+
+# --- restarts ------------------------------------------------------------------------------------
+
+
+def test_a_new_arbiter_reports_that_another_one_commanded_before():
+    """After kill and restart the status names the restart until the next arming."""
+    world = World()
+    world.change(
+        "robot",
+        accepted=Accepted(epoch=7, seq=90, at_ns=1),
+        hold=tripped("robot_holds", "not armed"),
+    )
+    world.make_ready()
+    assert [trip.code for trip in world.core.status().trips] == ["writer"]
+    world.change("robot", hold=None)
+    assert world.core.arm(world.inputs()).accepted
+    assert world.core.status().trips == ()
+
+
+def test_an_arbiter_that_continues_earlier_leases_is_no_restart():
+    """In a replay: the next lease and ownership number follow those of before."""
+    world = World()
+    world.core = Arbiter(world.cell, command_deadline_s=DEADLINE_S, numbers=(3, 8))
+    world.change("robot", accepted=Accepted(epoch=7, seq=90, at_ns=1, ownership=8))
+    status = world.make_ready().core.status()
+    assert (status.trips, status.lease, status.ownership) == ((), 3, 8)
+    assert world.core.arm(world.inputs()).accepted
+    status = world.core.status()
+    assert (status.lease, status.ownership) == (4, 9)
+
+
+def test_a_process_begins_without_a_lease():
+    """Only a replay gives other numbers."""
+    status = World().core.status()
+    assert (status.lease, status.ownership) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("hold", "code"),
+    [
+        (None, "robot_holds"),
+        (tripped("tracking", "HOLD on the pendant"), "tracking"),
+        (tripped("no_lease", "of another start"), "robot_holds"),
+    ],
+)
+def test_a_robot_with_another_challenge_has_ended_the_lease(hold: Trip | None, code: str):
+    """At once, while one that still holds has time to answer; the robot's own cause is named."""
+    world = World().make_ready()
+    assert world.core.arm(world.inputs()).accepted
+    world.change("robot", hold=hold)
+    assert world.tick().permission is not None
+    world.change("robot", challenge=1)
+    assert world.tick().permission is None
+    assert (world.core.state, world.core.status().trips[-1].code) == ("HOLDING", code)

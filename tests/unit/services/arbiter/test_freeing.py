@@ -13,7 +13,7 @@ from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
-from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
+from forcemesh.messages import RobotCommand, RobotState, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
@@ -141,33 +141,6 @@ def test_without_a_usable_force_it_requires_a_confirmation_and_moves_5_mm_back()
     assert codes(world)[0] == "still_loaded"
 
 
-def test_it_leaves_a_fault_and_requires_a_robot() -> None:
-    """From FAULT and BOOT it is possible without a sensor, but never without the robot."""
-    world = World().make_armed()
-    world.silent.update({"sensor", "wrench"})
-    world.tick()
-    assert world.core.state == "FAULT"
-    world.pass_s(1.1)
-    assert back_off(world, confirmed=True).accepted
-    fresh = World()
-    fresh.silent.update({"sensor", "wrench"})
-    fresh.pass_s(1.1)
-    assert fresh.core.state == "BOOT"
-    fresh.silent.add("robot")
-    assert back_off(fresh, confirmed=True).accepted is False
-    fresh.silent.discard("robot")
-    fresh.pass_s(1.1)
-    assert back_off(fresh, confirmed=True).accepted
-
-
-def test_it_is_refused_for_a_free_arm_and_for_an_armed_arm() -> None:
-    """Neither has to be freed."""
-    world = World().make_ready()
-    assert back_off(world, confirmed=True).code == "already"
-    armed = World().make_armed()
-    assert back_off(armed).code == "state"
-
-
 def test_no_other_command_is_accepted_meanwhile() -> None:
     """No move, no force feedback, no other purpose; hold is accepted."""
     world = loaded()
@@ -219,20 +192,6 @@ def test_force_travel_speed_and_rotation_stay_bounded_for_any_wrench(
 
 
 # --- moves in contact -----------------------------------------------------------------------------
-
-
-def test_a_move_stops_at_its_own_force_rise() -> None:
-    """The limit is 20 N above the least force of the move, far below the ceiling of 60."""
-    world = World().make_armed()
-    world.change("wrench", force_N=(0.0, 0.0, 10.0))
-    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
-    world.tick(50)
-    for force, continues in ((29.0, True), (31.0, False)):
-        world.change("wrench", force_N=(0.0, 0.0, force))
-        assert (world.tick().permission is not None) == continues
-    assert codes(world) == ["force"]
-    assert "limits.move_rise_N" in world.core.status().trips[0].text
-    assert world.core.state not in MAY_MOVE
 
 
 def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:

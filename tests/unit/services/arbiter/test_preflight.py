@@ -3,39 +3,30 @@
 from math import nextafter
 from typing import Any
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
 from forcemesh.clock import NS_PER_S
-from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
+from forcemesh.messages import WrenchAtTcp
 from forcemesh.version import __version__
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import (
     CELL,
     DEADLINE_S,
     FIT,
-    MOVE_DOWN,
     PERIOD_NS,
-    T_START,
     World,
     shifted,
 )
 from tests.fakes.bench import cell_with
 
 IDLE_MAX_N = CELL.force.idle_max_N
-# The values of the documentation, not those of the code.
-RESIDUAL_S, REST_S, REST_POSITION_M = 0.5, 0.2, 2e-4
+# The value of the documentation, not that of the code.
+RESIDUAL_S = 0.5
 
 
 def ready(**changes: object) -> World:
     """Return an arbiter whose inputs have been good, in a cell with other values by dotted name."""
     return World(cell_with(**changes)).make_ready()
-
-
-def near_start(z_m: float) -> pin.SE3:
-    """Return a pose close to the start."""
-    return T_START * pin.SE3(np.eye(3), np.array([0.0, 0.0, z_m]))
 
 
 def set_force(world: World, force_N: float) -> None:
@@ -58,18 +49,6 @@ def residual_unit(world: World) -> str:
 
 
 # --- conditions of every motion ------------------------------------------------------------------
-
-
-def test_an_arm_that_has_just_moved_is_not_armed() -> None:
-    """Neither for jog: first the commanded and the measured pose must be equal."""
-    world = World().make_ready()
-    world.place(near_start(2 * REST_POSITION_M))
-    world.tick()
-    assert refused_with(world) == ("moving", False)
-    world.pass_s(REST_S - 0.02)
-    assert refused_with(world) == ("moving", False)
-    world.pass_s(0.04)
-    assert world.core.arm(world.inputs()).accepted
 
 
 def test_a_process_of_another_version_prevents_arming() -> None:
@@ -134,14 +113,6 @@ def permitted_challenge(world: World) -> int:
     return permission.challenge
 
 
-@pytest.mark.parametrize("purpose", ["all", "jog"])
-def test_the_ceiling_and_the_workspace_hold_for_every_purpose(purpose: ArmPurpose) -> None:
-    """Jog does not bypass a limit."""
-    world = World().make_ready()
-    set_force(world, CELL.limits.force_N + 1.0)
-    assert world.core.arm(world.inputs(), purpose).code == "force"
-
-
 # --- free space, calibration, approach ------------------------------------------------------------
 
 
@@ -169,23 +140,6 @@ def test_a_drift_of_a_tenth_of_a_newton_per_second_is_detected() -> None:
         reported = [line for line in world.core.status().not_ready if "left" in line]
         assert bool(reported) == (0.1 * tenths > IDLE_MAX_N)
     assert world.core.state == "ARMED"
-
-
-@pytest.mark.parametrize("cause", ["tared", "restarted"])
-def test_with_another_bias_contact_is_no_longer_expected(cause: str) -> None:
-    """The contact's share of the force is unknown: jog away, then tare."""
-    world = World().make_active("regulator")
-    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    set_force(world, 20.0)
-    world.tick(2)
-    world.core.hold("coffee")
-    world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
-    if cause == "tared":
-        world.change("wrench", calibration="another")
-    else:
-        world.epochs["wrench"] = 7
-    world.pass_s(1.2)
-    assert refused_with(world) == ("payload", True)
 
 
 def test_an_invalid_calibration_is_reported_and_jog_is_possible() -> None:
@@ -217,50 +171,7 @@ def test_force_feedback_ends_with_its_calibration(changes: dict[str, Any]) -> No
     assert [trip.code for trip in world.core.status().trips] == ["calibration"]
 
 
-def test_a_calibration_may_change_during_a_move() -> None:
-    """Jog checks the force against its ceiling only."""
-    world = World().make_active("operator")
-    world.change("wrench", calibration="another")
-    assert world.tick().kind == "goal"
-    assert world.core.status().trips == ()
-
-
-def test_an_approach_that_is_too_fast_for_the_stiffness_is_refused_with_the_numbers() -> None:
-    """The boundary itself is allowed: force budget over stiffness times tau."""
-    limit_m_s = CELL.approach_limit_m_s
-    world = ready(force__approach_m_s=limit_m_s)
-    assert world.core.arm(world.inputs()).accepted
-    world = ready(force__approach_m_s=limit_m_s * 1.01)
-    reply = world.core.arm(world.inputs())
-    assert (reply.code, reply.limit) == ("approach_speed", limit_m_s)
-    assert reply.value == pytest.approx(1.01 * limit_m_s)
-    assert f"{limit_m_s * 1e3:.2f} mm/s" in reply.text
-    assert world.core.arm(world.inputs(), "jog").accepted
-
-
 # --- jog ------------------------------------------------------------------------------------------
-
-
-def test_jog_is_possible_in_contact() -> None:
-    """Just below the ceiling and without a known free space it is armed, and a move begins."""
-    world = World()
-    set_force(world, CELL.limits.force_N - 1.0)
-    world.pass_s(1.2)
-    assert refused_with(world) == ("payload", True)
-    world.pass_s(0.5)
-    status = world.core.status()
-    assert (status.state, status.armed_for) == ("ARMED", "jog")
-    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
-    assert world.tick().kind == "goal"
-
-
-def test_under_jog_the_regulator_is_ignored() -> None:
-    """For any proposal the arm is idle and stays armed."""
-    world = World().make_ready()
-    assert world.core.arm(world.inputs(), "jog").accepted
-    world.pass_s(0.5)
-    world.propose(shifted())
-    assert {world.tick().kind for _ in range(20)} == {"idle"}
 
 
 def test_a_change_from_jog_to_all_requires_a_hold() -> None:
@@ -275,14 +186,6 @@ def test_a_change_from_jog_to_all_requires_a_hold() -> None:
     assert world.core.arm(world.inputs(), "all").accepted
     assert world.core.arm(world.inputs(), "jog").code == "already"
     assert world.core.status().armed_for == "all"
-
-
-def test_the_list_names_each_check_and_only_force_is_left_out() -> None:
-    """There is one row per rule of the preflight."""
-    names = [check.what for check in CHECKS]
-    assert len(set(names)) == len(names) == 12
-    assert [check.purposes for check in CHECKS[-5:]] == [("all",)] * 5
-    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [names[5]]
 
 
 def test_a_lost_input_is_reported_alone() -> None:

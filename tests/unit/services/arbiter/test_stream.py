@@ -18,8 +18,6 @@ from services.arbiter.stream import (
     Stopping,
     Tick,
     begin_stop,
-    follow,
-    retreat_limits,
     step_stop,
 )
 from tests.fakes.arbiter_robot import RobotWorld
@@ -61,14 +59,6 @@ def test_the_table_has_exactly_these_soft_reactions() -> None:
     """A missing row would be an immediate hold without notice."""
     fades = {"workspace", "tether", "joint_speed", "regulator", "travel"}
     assert dict.fromkeys(fades, "fade") | {"force": "retreat", "torque": "retreat"} == REACTIONS
-
-
-def test_a_target_for_the_controller_without_content_holds() -> None:
-    """It may begin, but then it has no content."""
-    world = world_with().make_armed()
-    world.propose(None, host="controller")
-    assert world.tick().permission is None
-    assert world.core.status().trips[0].code == "regulator"
 
 
 # --- fade -----------------------------------------------------------------------------------------
@@ -132,16 +122,6 @@ def test_a_regulator_that_fails_in_motion_fades() -> None:
         trip = world.core.status().trips[0]
         assert (trip.code, "no contact" in trip.text) == (expected, True)
         assert max(abs(b - a) for a, b in pairwise(world.travels_m)) <= CHANGE_M
-
-
-def test_a_regulator_failure_that_is_a_fault_stops_at_once() -> None:
-    """The table of faults requires this for a wrong sign: nothing fades."""
-    world = world_with()
-    run(world, (0.0, 0.0, -0.05), 40)
-    world.propose(None, valid=False, reason="pushed sideways", code="sensor_sign")
-    assert world.tick().kind == "hold"
-    assert world.core.state == "FAULT"
-    assert world.core.status().trips[0].code == "sensor_sign"
 
 
 @pytest.mark.parametrize("event", ["hold", "silence", "force"])
@@ -212,35 +192,6 @@ def test_the_tool_retreats_along_its_axis_and_holds(retreat_m: float, speed_m_s:
     assert trip.limit == pytest.approx(RETREAT_FROM * LIMITS.force_N)
 
 
-@pytest.mark.parametrize("force_N", [(0.0, 0.0, -SOFT_N), (SOFT_N, 0.0, 0.0)])
-def test_only_a_push_against_the_press_causes_a_retreat(
-    force_N: tuple[float, float, float],
-) -> None:
-    """For a pull or a lateral push the arm holds, because a retreat would not help."""
-    world = pressing()
-    world.change("wrench", force_N=force_N)
-    assert world.tick().kind == "hold"
-    assert world.core.state == "HOLDING"
-
-
-@pytest.mark.parametrize("event", ["wrench", "force", "hold"])
-def test_a_retreat_ends_with_an_invalid_wrench_and_a_rising_force(event: str) -> None:
-    """It continues only while the wrench is valid and below the whole ceiling."""
-    world = pressing()
-    world.tick(10)
-    assert world.core.state == "STOPPING"
-    if event == "wrench":
-        world.silent.add("wrench")
-    elif event == "force":
-        world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 0.1))
-    else:
-        world.core.hold("enough")
-    assert world.tick().kind == "hold"
-    assert world.core.state == ("FAULT" if event == "wrench" else "HOLDING")
-    assert world.core.status().trips[0].code == "force"
-    assert world.tick(50).kind == "hold"
-
-
 def test_a_retreat_does_not_leave_the_workspace() -> None:
     """With a wall behind the tool, half way, it ends at the wall."""
     wall_m = float(T_START.translation[2]) - TIP_M + 0.001
@@ -299,15 +250,6 @@ def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
     return stopping, period * DT_S
 
 
-def test_a_retreat_lowers_both_ceilings_and_no_retreat_neither() -> None:
-    """They are four fifths: the robot's own check of the whole one would end the retreat."""
-    disabled = CELL.force.model_copy(update={"retreat_m": 0.0})
-    lower = retreat_limits(BOUNDS.limits, CELL.force.model_copy(update={"retreat_m": 0.001}))
-    assert lower.force_N == pytest.approx(0.8 * LIMITS.force_N)
-    assert lower.torque_Nm == pytest.approx(0.8 * LIMITS.torque_Nm)
-    assert retreat_limits(BOUNDS.limits, disabled) is BOUNDS.limits
-
-
 def test_a_retreat_reports_its_travel() -> None:
     """All of the travel when it arrives, in less than its time."""
     begun = retreat(0.002, 0.01)
@@ -359,12 +301,3 @@ def test_a_fade_that_the_joints_cannot_follow_ends_at_once() -> None:
     assert stopping.done
     assert stopping.trip is cause
     assert stopping.motion is moving
-
-
-def test_a_set_point_that_the_joints_cannot_follow_is_the_joints_refusal() -> None:
-    """The limit that it violates, before any limit of the flange behind it."""
-    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
-    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
-    found = follow(at_rest(T_START), T_START, bounds, tick, dt_s=DT_S, joints=Refusing())
-    assert isinstance(found, Trip)
-    assert found.code == "acceleration"

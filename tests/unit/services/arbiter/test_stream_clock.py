@@ -20,8 +20,6 @@ MS = 1_000_000
 USED = 0.95  # of the acceleration, by the regulator
 
 gaps = st.lists(st.integers(1 * MS, LONGEST_NS), min_size=1, max_size=40)
-# Times between two wake-ups of the arbiter, in which none, one or several samples arrive.
-wakes = st.lists(st.integers(1, 6 * MS), min_size=1, max_size=60)
 
 
 class Follower:
@@ -75,18 +73,6 @@ def test_a_motion_within_the_limits_is_followed_whenever_the_arbiter_wakes(
         assert abs(follower.step(wake_ns, stamp_ns, height_m) - height_m) < 1e-9
         assert not follower.motion.lags
         assert abs(follower.step(1, stamp_ns, height_m) - height_m) < 1e-9  # the same target again
-
-
-@given(wakes, st.lists(st.integers(-MS * 1000, MS * 1000), min_size=60, max_size=60))
-def test_stamps_never_allow_more_than_the_speed_for_the_time_that_has_passed(
-    wakes_ns: list[int], stamps_ns: list[int]
-) -> None:
-    """Whatever they say; a lead of three periods, and as much that was saved up, are allowed."""
-    follower, height_m = Follower(), 0.0
-    for wake_ns, stamp_ns in zip(wakes_ns, stamps_ns, strict=False):
-        height_m = follower.step(wake_ns, stamp_ns, 1.0)
-    most_s = (follower.now_ns + 2 * LONGEST_NS) / 1e9
-    assert height_m <= LIMITS.speed_m_s * most_s + 1e-9
 
 
 def passed_ms(clock: SampleClock, steps: int, *, stamp_ms: int, now_ms: int) -> float:

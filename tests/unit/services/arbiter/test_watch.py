@@ -12,7 +12,7 @@ from forcemesh.codec import Header
 from forcemesh.messages import RegulatorTarget
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import AlignmentWatch, FeedbackWatch, ResidualWatch, RestWatch
-from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, World, shifted
+from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
 
 S = 1_000_000_000
 
@@ -44,14 +44,6 @@ def test_the_time_at_rest_counts_from_the_first_pose() -> None:
     assert updated(rest, world, 0.3) == 0.3
 
 
-def test_an_arm_whose_controller_reports_motion_does_not_rest() -> None:
-    """Its time begins with the last such report."""
-    world, rest = World(), RestWatch()
-    for moving, rest_s in ((False, 0.0), (False, 0.1), (True, 0.0), (True, 0.0), (False, 0.1)):
-        world.change("robot", status=FIT.replaced(moving=moving))
-        assert updated(rest, world, 0.1) == rest_s
-
-
 @pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
 def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
     """It counts from the first pose, so that a slow drift is found."""
@@ -77,16 +69,6 @@ def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool, sign: flo
     assert updated(rest, world, 0.5) == (0.5 if rests else 0.0)
 
 
-def test_rest_begins_with_the_first_valid_pose() -> None:
-    """Without a pose there is no rest, after any time; nor with a position that is no number."""
-    world, rest = World(), RestWatch()
-    assert updated(rest, world, 1.0) == 0.0
-    for x_m in (np.nan, np.inf):
-        world.change("robot", position_m=(x_m, 0.0, 0.0))
-        assert updated(rest, world, 1.0) == 0.0
-        assert updated(rest, world, 1.0) == 0.0
-
-
 # --- the arbiter's own loop -----------------------------------------------------------------------
 
 
@@ -103,21 +85,6 @@ def test_an_arbiter_that_stalled_for_more_than_a_second_reports_itself(
 
 
 # --- residual in free space -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("contact", "reported"), [("free", True), ("contact", False)])
-def test_only_contact_that_the_regulator_found_explains_a_force(
-    contact: Literal["free", "contact"], reported: bool
-) -> None:
-    """While force feedback approaches, a force is a residual in free space."""
-    world, residual = World(), ResidualWatch(2.0, 1.0)
-    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact=contact)
-    world.change("wrench", force_N=(0.0, 0.0, 5.0))
-    assert residual.update(world.inputs()) is None
-    advance(world, 0.5 - 1e-6)
-    assert residual.update(world.inputs()) is None
-    advance(world, 1e-6)
-    assert (residual.update(world.inputs()) is not None) == reported
 
 
 FULL_N, FULL_NM = 2.0, 1.0
@@ -207,21 +174,6 @@ def test_the_calibration_must_stay_only_while_force_feedback_runs(
     assert (None if trip is None else trip.code) == ("calibration" if reported else None)
 
 
-@pytest.mark.parametrize(
-    ("fault", "text"), [("another sensor", "another sensor"), ("", "the wrench is not calibrated")]
-)
-def test_a_wrench_without_calibration_ends_force_feedback_with_its_reason(
-    fault: str, text: str
-) -> None:
-    """This holds also without a reason."""
-    world = World()
-    world.propose(shifted())
-    world.change("wrench", calibrated=False, calibration_fault=fault)
-    trip = FeedbackWatch(CELL).update(world.inputs())
-    assert trip is not None
-    assert (trip.code, trip.text) == ("calibration", text)
-
-
 # --- pose and wrench ------------------------------------------------------------------------------
 
 
@@ -255,21 +207,6 @@ def test_the_second_misaligned_pair_is_reported_for_any_numbers(
             assert (trip.code, trip.limit) == ("misaligned", 0.0625)
             assert trip.value == pytest.approx(0.0625)
             assert trip.text.startswith(f"{older} is 63 ms older")
-
-
-@pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
-@pytest.mark.parametrize("since_ns", [0, 1, -1, S])
-def test_a_trip_has_the_age_of_the_checked_pair(sign: int, older: str, since_ns: int) -> None:
-    """A later message without a new one of the other topic makes no pair."""
-    watch = AlignmentWatch(0.0625)
-    watch.update(pair(1, 1, sign * S // 8))
-    trip = watch.update(pair(2, 2, sign * S // 8))
-    assert trip is not None
-    assert trip.text.startswith(f"{older} is 125 ms older")
-    assert trip.value == pytest.approx(0.125)
-    for robot_seq, wrench_seq in ((3, 2), (2, 3)):
-        assert watch.update(pair(robot_seq, wrench_seq, -sign * since_ns)) == trip
-    assert watch.update(pair(3, 3, 0)) is None
 
 
 @pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])

@@ -64,14 +64,6 @@ def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
     assert f"became {100 * to:g} %, it was 100 %" in trip.text
 
 
-@pytest.mark.parametrize(("change", "holds"), [(0.004, False), (-0.004, False), (0.006, True)])
-def test_half_a_percent_of_the_monitor_speed_is_rounding(change: float, holds: bool) -> None:
-    """The pendant sets whole percent."""
-    world = measured(World(), monitor_speed_fraction=0.9).make_active("regulator")
-    measured(world, monitor_speed_fraction=0.9 + change)
-    assert (world.tick().permission is None) == holds
-
-
 @pytest.mark.parametrize(("share", "continues"), [(1.4, True), (1.6, False)])
 def test_a_controller_that_becomes_late_while_pressing_holds(share: float, continues: bool) -> None:
     """The limit is 1.5 times the value of the cell file."""
@@ -105,12 +97,3 @@ def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -
     controller.machine.pendant.monitor_speed(30.0)
     lab.seconds_until(lambda: lab.status.state == "HOLDING", 2.0)
     assert [trip.code for trip in lab.status.trips] == ["monitor_speed"]
-
-
-def test_a_tare_resets_its_age() -> None:
-    """The age counts from the start of the process or the last tare, on the process's clock."""
-    lab = Lab()
-    numbers = lab.cell.client.reader(topics.HEALTH["wrench"])
-    lab.cell.advance(2.0)
-    since_s = 3600.0 * lab.now(numbers).numbers["tare_age_h"]
-    assert 1.5 < since_s < 2.4

@@ -80,19 +80,16 @@ JUDGES = {
     "services.arbiter.preflight": (
         "unit/services/arbiter/test_preflight",
         "unit/services/arbiter/test_preflight_contact",
-        "unit/services/arbiter/test_watch_controller",
+        "unit/services/arbiter/test_watch",
         "unit/services/arbiter/test_core",
     ),
     "services.arbiter.stream": (
         "unit/services/arbiter/test_stream",
-        "unit/services/arbiter/test_stream_clock",
         "unit/services/arbiter/test_service",
     ),
     "services.arbiter.watch": (
         "unit/services/arbiter/test_watch",
         "unit/services/arbiter/test_preflight",
-        "unit/services/arbiter/test_watch_health",
-        "unit/services/arbiter/test_watch_controller",
     ),
     "services.wrench.calibration_manager": (
         "unit/services/wrench/test_calibration_manager_tare",

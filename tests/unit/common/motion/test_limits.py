@@ -22,6 +22,7 @@ from common.motion.limits import (
     check_joints,
     check_workspace,
     check_wrench,
+    slowed,
 )
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Trip
@@ -290,6 +291,15 @@ def test_each_joint_has_its_speed(joint: int) -> None:
         assert (trip is None) == (abs(speed) <= fastest)
         if trip is not None:
             assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")
+
+
+def test_a_lower_speed_counts_for_turns_at_a_lever_of_100_mm() -> None:
+    """Command 5 limits streams and force feedback; it never raises a limit of the cell."""
+    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
+    slow = slowed(bounds, 0.02).limits
+    assert (slow.speed_m_s, slow.speed_rad_s) == (0.02, pytest.approx(0.2))
+    assert slowed(bounds, 9.0).limits.speed_rad_s == LIMITS.speed_rad_s
+    assert slowed(bounds, None) is bounds
 
 
 # --- ceilings -------------------------------------------------------------------------------------

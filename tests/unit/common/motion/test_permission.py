@@ -135,7 +135,7 @@ def test_a_robot_that_has_known_no_arbiter_executes_nothing_of_another_life(
 ) -> None:
     """Without a challenge, or with that of another start, of a message that is fresh and whole."""
     assert gate.challenge == FIRST
-    verdict = gate.judge(command_reading(challenge=challenge), NOW_NS)
+    verdict = gate.judge(command_reading(lease=9, challenge=challenge), NOW_NS)
     assert (verdict.command, verdict.hold_code, verdict.accepted) == (None, "no_lease", None)
     assert str(challenge) in verdict.hold_reason
     assert gate.challenge == FIRST  # nothing was alive, so nothing has died

@@ -2,8 +2,7 @@
 
 import random
 from collections.abc import Callable
-from functools import partial
-from math import copysign, nextafter, radians, sqrt
+from math import nextafter, radians
 
 import numpy as np
 import pinocchio as pin
@@ -13,9 +12,8 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from common.motion.frames import Array
 from common.motion.last_check import LastCheck
-from forcemesh.messages import Feedback, Gains, Goal, Joints, Speed, Trip, WrenchAtTcp
+from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(
@@ -140,24 +138,17 @@ def tip_at(x_m: float, y_m: float, z_m: float) -> pin.SE3:
     return pin.SE3(DOWN.rotation, np.array([x_m, y_m, z_m + 0.16]))
 
 
-def off_axis(travel_m: float) -> pin.SE3:
-    """Return the flange so far away, sideways and upwards."""
-    return shifted(DOWN, x_m=0.6 * travel_m, z_m=0.8 * travel_m)
-
-
 def turned(turn_deg: float) -> pin.SE3:
     """Return the flange turned about its own axis, which contains the tool."""
     return pin.SE3(pin.utils.rotate("z", radians(turn_deg)) @ DOWN.rotation, DOWN.translation)
 
 
-def joint_beyond(number: int, limit_deg: float, deg: float) -> tuple[pin.SE3, Array]:
-    """Return joint angles of zero but for one, counted from 1, that is beyond a limit."""
-    q = np.zeros(6)
-    q[number - 1] = radians(limit_deg + copysign(deg, limit_deg))
-    return DOWN, q
+def joint_at(number: int, deg: float) -> tuple[float, ...]:
+    """Return joint angles of zero but for one, counted from 1."""
+    return tuple(radians(deg) * (each == number) for each in range(1, 7))
 
 
-# Where the arm is found by so much [mm, degrees] beyond a limit of a cell with a slanted wall.
+# The arm within and beyond the slack of each limit, in a cell with a slanted wall.
 EDGE_CELL = load_cell(
     DEMO_CELL,
     {
@@ -165,36 +156,44 @@ EDGE_CELL = load_cell(
         "limits.planes": [{"point_m": [-0.35, 0.25, 0.0], "normal": [2.0, 2.0, 0.0]}],
     },
 )
-EDGES: dict[str, tuple[str, float, Callable[[float], tuple[pin.SE3, Joints | Array]]]] = {
-    "x min": ("workspace", 2.0, lambda mm: (tip_at(-0.4 - mm * 1e-3, 0.5, 0.14), JOINTS)),
-    "x max": ("workspace", 2.0, lambda mm: (tip_at(0.4 + mm * 1e-3, 0.5, 0.14), JOINTS)),
-    "y min": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.2 - mm * 1e-3, 0.14), JOINTS)),
-    "y max": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.8 + mm * 1e-3, 0.14), JOINTS)),
-    "z min": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.5, -0.2 - mm * 1e-3), JOINTS)),
-    "z max": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.5, 0.6 + mm * 1e-3), JOINTS)),
+PLACES = {
+    "x min": ("workspace", tip_at(-0.40199, 0.5, 0.14), tip_at(-0.40201, 0.5, 0.14)),
+    "x max": ("workspace", tip_at(0.40199, 0.5, 0.14), tip_at(0.40201, 0.5, 0.14)),
+    "z min": ("workspace", tip_at(0.0, 0.5, -0.20199), tip_at(0.0, 0.5, -0.20201)),
+    "z max": ("workspace", tip_at(0.0, 0.5, 0.60199), tip_at(0.0, 0.5, 0.60201)),
     "plane": (
         "workspace",
-        2.0 * sqrt(2.0),  # on either axis, 2 mm on the normal
-        lambda mm: (tip_at(-0.35 - 0.5e-3 * mm, 0.25 - 0.5e-3 * mm, 0.14), JOINTS),
+        tip_at(-0.35 - 0.00282, 0.25, 0.14),
+        tip_at(-0.35 - 0.00284, 0.25, 0.14),
     ),
-    "tether": ("tether", 2.0, lambda mm: (off_axis(0.5 + mm * 1e-3), JOINTS)),
-    "tether's turn": ("tether", 0.5, lambda deg: (turned(150.0 + deg), JOINTS)),
-    **{
-        f"joint {number} at {limit_deg}": ("joint", 0.5, partial(joint_beyond, number, limit_deg))
-        for ends in (CELL.robot.joint_min_deg, CELL.robot.joint_max_deg)
-        for number, limit_deg in enumerate(ends, start=1)
-    },
+    "tether": (
+        "tether",
+        shifted(DOWN, x_m=0.6 * 0.50199, z_m=0.8 * 0.50199),
+        shifted(DOWN, x_m=0.6 * 0.50201, z_m=0.8 * 0.50201),
+    ),
+    "tether's turn": ("tether", turned(150.499), turned(150.501)),
 }
 
 
-@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("edge", PLACES)
 def test_the_arm_may_be_found_2_mm_and_half_a_degree_beyond_its_limits(edge: str) -> None:
-    """Exactly, at every limit of a place: reports are rounded, and a controller settles."""
-    rule, slack, found_at = EDGES[edge]
-    for share, expected in ((1.0 - 1e-5, ""), (1.0 + 1e-5, rule)):
+    """At every limit of a place: reports are rounded, and a controller settles."""
+    rule, within, beyond = PLACES[edge]
+    for T, expected in ((within, ""), (beyond, rule)):
         guard = LastCheck(EDGE_CELL)
         guard.start(DOWN)
-        assert code(guard.arm(*found_at(share * slack), 0)) == expected
+        assert code(guard.arm(T, JOINTS, 0)) == expected
+
+
+@pytest.mark.parametrize("number", range(1, 7))
+def test_a_joint_may_be_found_half_a_degree_beyond_its_range(number: int) -> None:
+    """At both ends."""
+    low_deg, high_deg = CELL.robot.joint_min_deg[number - 1], CELL.robot.joint_max_deg[number - 1]
+    for deg, rule in (
+        (low_deg - 0.499, ""), (low_deg - 0.501, "joint"),
+        (high_deg + 0.499, ""), (high_deg + 0.501, "joint"),
+    ):  # fmt: skip
+        assert code(guard_at().arm(DOWN, joint_at(number, deg), 0)) == rule
 
 
 @pytest.mark.parametrize("period_ms", [4, 20, 25, 200])

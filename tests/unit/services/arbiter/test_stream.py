@@ -66,26 +66,6 @@ def test_the_table_has_exactly_these_soft_reactions() -> None:
 
 # --- fade -----------------------------------------------------------------------------------------
 
-velocities = st.tuples(*[st.floats(-0.14, 0.14)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
-
-
-@settings(max_examples=8)
-@given(velocities)
-def test_set_points_fade_out_inside_the_workspace(velocity: tuple[float, float, float]) -> None:
-    """In any direction no set point is outside, the speed change is limited, and a hold ends it."""
-    world = world_with()
-    run(world, velocity, 2000)
-    assert world.core.state == "HOLDING"
-    assert world.core.status().trips[0].code == "workspace"
-    low, high = np.array(LIMITS.workspace_min_m), np.array(LIMITS.workspace_max_m)
-    for pose in world.set_points:
-        T = pose_of(pose)
-        tip = T.act(np.array([0.0, 0.0, TIP_M]))
-        assert ((tip >= low - 1e-12) & (tip <= high + 1e-12)).all()
-    travels = world.travels_m
-    assert max(abs(b - a) for a, b in pairwise(travels)) <= CHANGE_M
-    assert travels[-1] <= CHANGE_M
-
 
 def test_during_a_fade_the_state_is_stopping_with_its_cause() -> None:
     """The regulator receives its end; moves are refused; arming changes nothing."""

@@ -286,3 +286,16 @@ def test_a_stopped_regulator_fades_and_releases_the_arm() -> None:
     travels = world.travels_m
     assert travels[-1] <= FIRST_M * (1.0 + 1e-6) < 0.2 * max(travels)
     assert max(abs(b - a) for a, b in pairwise(travels)) <= FIRST_M * (1.0 + 1e-6)
+
+
+def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
+    """After a hold and an arming, force feedback continues only after a new start."""
+    world = World().make_active("regulator")
+    world.core.hold("enough")
+    assert world.core.arm(world.inputs()).accepted
+    assert world.tick(100).kind == "idle"
+
+    world.messages["target"] = STOPPED
+    world.tick()
+    world.propose(shifted())
+    assert world.tick().kind == "setpoint"

@@ -13,7 +13,7 @@ from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
-from forcemesh.messages import RobotCommand, RobotState, Vec3, WrenchAtTcp
+from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
@@ -203,3 +203,17 @@ def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:
     assert command.kind == "goal"
     assert command.speed is not None
     assert command.speed.mechanical_m_s * command.speed.modular_fraction == 0.5 * SPEED_M_S
+
+
+def test_a_move_stops_at_its_own_force_rise() -> None:
+    """The limit is 20 N above the least force of the move, far below the ceiling of 60."""
+    world = World().make_armed()
+    world.change("wrench", force_N=(0.0, 0.0, 10.0))
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    world.tick(50)
+    for force, continues in ((29.0, True), (31.0, False)):
+        world.change("wrench", force_N=(0.0, 0.0, force))
+        assert (world.tick().permission is not None) == continues
+    assert codes(world) == ["force"]
+    assert "limits.move_rise_N" in world.core.status().trips[0].text
+    assert world.core.state not in MAY_MOVE

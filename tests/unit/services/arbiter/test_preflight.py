@@ -24,11 +24,6 @@ IDLE_MAX_N = CELL.force.idle_max_N
 RESIDUAL_S = 0.5
 
 
-def ready(**changes: object) -> World:
-    """Return an arbiter whose inputs have been good, in a cell with other values by dotted name."""
-    return World(cell_with(**changes)).make_ready()
-
-
 def set_force(world: World, force_N: float) -> None:
     """Let the wrench report a force."""
     world.change("wrench", force_N=(0.0, 0.0, force_N))
@@ -39,13 +34,6 @@ def refused_with(world: World) -> tuple[str, bool]:
     everything = world.core.arm(world.inputs())
     assert not everything.accepted
     return everything.code, world.core.arm(world.inputs(), "jog").accepted
-
-
-def residual_unit(world: World) -> str:
-    """Return the unit of the residual that the monitors have found."""
-    residual = world.inputs().watched.residual
-    assert residual is not None
-    return residual.unit
 
 
 # --- conditions of every motion ------------------------------------------------------------------
@@ -127,7 +115,6 @@ def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
     assert "2.5 N are left" in line
     reply = world.core.arm(world.inputs())
     assert (reply.code, reply.value, reply.limit) == ("payload", IDLE_MAX_N + 0.5, IDLE_MAX_N)
-    assert residual_unit(world) == "N"
     assert world.core.arm(world.inputs(), "jog").accepted
 
 
@@ -151,21 +138,15 @@ def test_an_invalid_calibration_is_reported_and_jog_is_possible() -> None:
     assert "another sensor" in " ".join(world.core.status().not_ready)
 
 
-def running() -> World:
-    """Return a world in which the regulator moves the arm."""
-    world = World().make_active("regulator")
-    world.propose(shifted())
-    world.tick(3)
-    return world
-
-
 @pytest.mark.parametrize(
     "changes",
     [{"calibration": "another"}, {"calibrated": False, "calibration_fault": "another sensor"}],
 )
 def test_force_feedback_ends_with_its_calibration(changes: dict[str, Any]) -> None:
     """The regulator would respond to the step of the force with motion."""
-    world = running()
+    world = World().make_active("regulator")
+    world.propose(shifted())
+    world.tick(3)
     world.change("wrench", **changes)
     assert world.tick().kind == "hold"
     assert [trip.code for trip in world.core.status().trips] == ["calibration"]
@@ -190,7 +171,7 @@ def test_a_change_from_jog_to_all_requires_a_hold() -> None:
 
 def test_a_lost_input_is_reported_alone() -> None:
     """The other checks have no result without it."""
-    world = ready(force__approach_m_s=0.25)
+    world = World(cell_with(force__approach_m_s=0.25)).make_ready()
     set_force(world, 30.0)
     world.pass_s(1.0)
     assert len(world.core.status().not_ready) == 2

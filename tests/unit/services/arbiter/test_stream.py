@@ -365,3 +365,13 @@ def test_a_target_that_stood_for_long_has_brought_the_arm_to_rest() -> None:
     height_m = follower.step(50 * MS, follower.clock.stamp_ns + 50 * MS, height_m)
     assert follower.motion.is_at_rest
     assert abs(height_m - ramp([PERIOD_NS] * 12)[6][1]) < 1e-9
+
+
+def test_a_regulator_failure_that_is_a_fault_stops_at_once() -> None:
+    """The table of faults requires this for a wrong sign: nothing fades."""
+    world = world_with()
+    run(world, (0.0, 0.0, -0.05), 40)
+    world.propose(None, valid=False, reason="pushed sideways", code="sensor_sign")
+    assert world.tick().kind == "hold"
+    assert world.core.state == "FAULT"
+    assert world.core.status().trips[0].code == "sensor_sign"

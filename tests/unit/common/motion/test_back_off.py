@@ -258,3 +258,23 @@ def test_a_move_may_not_add_much_to_the_force() -> None:
         assert code(guard.wrench(wrench_of((0.0, 0.0, force)), in_move=in_move)) == rule
     unknown = WrenchAtTcp(force_N=(0.0, 0.0, 55.0))  # the tool's weight, as it turns
     assert guard.wrench(unknown, in_move=True) is None
+
+
+@pytest.mark.parametrize(
+    ("x_m", "rule"), [(0.19e-3, ""), (0.21e-3, "workspace"), (3e-3, "workspace")]
+)
+def test_the_travel_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
+    x_m: float, rule: str
+) -> None:
+    """The tool at the wall, pushed upwards: 0.2 mm aside; the direction alone would let it pass."""
+    at_wall = pin.SE3(DOWN.rotation, np.array([0.4, 0.5, 0.3]))
+    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)), at_wall)
+    goal = goal_to(shifted(at_wall, x_m=x_m, z_m=0.010))
+    assert code(guard.goal(goal, SLOW, at_wall, JOINTS)) == rule
+
+
+def test_the_robot_lets_the_arm_go_back_without_a_force_to_follow() -> None:
+    """A person has confirmed it at the arbiter: 5 mm on the tool's axis, which points down."""
+    for z_m, rule in ((0.005, ""), (0.0061, "state")):
+        guard = freed_guard(None)
+        assert code(guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)) == rule

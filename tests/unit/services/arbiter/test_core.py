@@ -50,6 +50,7 @@ def test_an_arbiter_without_inputs_reports_its_start() -> None:
     """Its status is available before its first period."""
     status = World().core.status()
     assert (status.state, status.not_ready) == ("BOOT", ("starting",))
+    assert (status.lease, status.ownership) == (0, 0)
 
 
 def test_arming_needs_a_second_of_good_inputs() -> None:

@@ -334,3 +334,12 @@ def test_no_cell_file_gets_above_the_ceilings_of_the_code(path: str) -> None:
     tree[section][name] = math.nextafter(CEILINGS[path], math.inf)
     with pytest.raises(ConfigError, match=rf"{section}\.{name}: must be at most"):
         cell_from_tree(tree, "x.yaml")
+
+
+@pytest.mark.parametrize("number", NOT_FINITE)
+def test_a_wrench_must_be_finite_where_no_ceiling_applies(number: float) -> None:
+    """As the limits for backing off: an infinite force is not below an infinite ceiling."""
+    limits, v = replace(LIMITS, force_N=math.inf, torque_Nm=math.inf), np.array([0.0, number, 0.0])
+    for trip in (check_wrench(limits, v, np.zeros(3)), check_wrench(limits, np.zeros(3), v)):
+        assert trip is not None
+        assert trip.code == "not_finite"

@@ -131,4 +131,5 @@ def test_a_path_that_begins_elsewhere_is_judged_from_its_beginning_on(shift_m) -
     assert path_obstacle(SPACE, [near], AT_HOME, T_from, speed_m_s=0.02) is None
     found = path_obstacle(SPACE, [near, far], AT_HOME, T_from, speed_m_s=0.02)
     assert found is not None
-    assert (found.point, found.trip.code) == (2, "unreachable")
+    assert found.point == 2
+    assert found.trip.code in {"unreachable", "joint"}  # whichever comes first

@@ -18,7 +18,7 @@ from common.motion.joint_space import (
     JointSpace,
     checks_off_text,
 )
-from common.motion.rate_limiter import CommandedMotion, at_rest, brake, limit_motion
+from common.motion.rate_limiter import CommandedMotion, at_rest, limit_motion
 from forcemesh.messages import Trip
 from tests.fakes.bench import DEMO
 
@@ -99,16 +99,6 @@ def test_near_singularities_no_joint_exceeds_its_limits(name, off_rad, v, w) -> 
     assert trip is None or trip.code in {"joint", "joint_speed", "acceleration", "unreachable"}
 
 
-@given(names, st.randoms(use_true_random=False), drawn, drawn)
-def test_at_any_pose_no_joint_exceeds_its_limits(name, random, v, w) -> None:
-    """Angles drawn from the whole range of an arm, also beside the edge of its reach."""
-    space = SPACES[name]
-    low, high = space.limits.joint_min_rad, space.limits.joint_max_rad
-    q = np.array([random.uniform(a, b) for a, b in zip(low, high, strict=True)])
-    angles, _, _ = stream(space, q, 0.14 * v, 0.5 * w, time_s=0.3)
-    assert_within_limits(space, angles)
-
-
 def through_the_wrist(off_rad: float) -> tuple[list[Array], Trip | None, bool]:
     """Turn joint 5 of the Kawasaki from -10 through 0, with joint 4 a little off."""
     q = HOME["rs007l"].copy()
@@ -117,15 +107,6 @@ def through_the_wrist(off_rad: float) -> tuple[list[Array], Trip | None, bool]:
     axis = R @ KAWASAKI.arm.jacobian(q)[3:, 4]
     q[3] = off_rad
     return stream(KAWASAKI, q, np.zeros(3), 0.3 * axis, time_s=1.2)
-
-
-@pytest.mark.parametrize("off_rad", [1e-3, 0.01, 0.1])
-def test_a_pass_beside_the_wrist_singularity_is_slowed_and_ends(off_rad) -> None:
-    """Joint 4 swings round at its limit; the stream continues behind it."""
-    angles, trip, is_same = through_the_wrist(off_rad)
-    assert trip is None
-    assert not is_same
-    assert_within_limits(KAWASAKI, angles)
 
 
 def test_a_pass_that_a_joint_cannot_follow_is_refused_with_the_joint_and_its_limit() -> None:
@@ -165,26 +146,6 @@ def test_a_joint_beyond_its_range_may_return() -> None:
     assert trip.code == "joint"
 
 
-def test_the_edge_of_the_reach_is_refused_with_the_lengths() -> None:
-    """A stretched arm is pulled outwards."""
-    q = HOME["rs007l"].copy()
-    q[2] = -0.05
-    outwards = KAWASAKI.arm.flange_pose(q).translation - np.array([0.0, 0.0, 0.36])
-    v = 0.1 * outwards / np.linalg.norm(outwards)
-    angles, trip, _ = stream(KAWASAKI, q, v, np.zeros(3))
-    assert_within_limits(KAWASAKI, angles)
-    assert trip is not None
-    assert trip.code in {"unreachable", "acceleration"}
-
-
-def test_a_joint_that_is_too_fast_is_named() -> None:
-    """Of all joints, the one beyond its limit by the largest factor."""
-    speeds = KAWASAKI.speed_rad_s * np.array([0.5, 1.1, 1.0, 1.2, 0.0, 0.1])
-    trip = KAWASAKI.speed_trip(-speeds)
-    assert trip.text == "joint 4 would turn at 264 degrees/s"
-    assert (trip.value, trip.limit) == (speeds[3], KAWASAKI.speed_rad_s[3])
-
-
 def test_a_stop_that_joints_cannot_make_is_refused() -> None:
     """Far from a singularity: the flange, against its own limits, reverses within a period."""
     q = HOME["rs007l"]
@@ -219,23 +180,6 @@ def test_no_time_changes_nothing_and_a_pause_ends_the_joints_speeds() -> None:
     resting = at_rest(after.T_base_flange)
     assert joints.follow(resting, resting, DT_S) is resting
     assert np.abs(joints.speed_rad_s).max() < 1e-3
-
-
-def test_braking_is_followed_too() -> None:
-    """The fastest stop of the flange is within the joints' limits at home."""
-    q = HOME["rs007l"]
-    T = KAWASAKI.arm.flange_pose(q)
-    joints, motion = KAWASAKI.begin(T, q), at_rest(T)
-    assert joints is not None
-    for period in range(1, 20):
-        target = moved(T, ((0.2, 0.0, 0.0), (0.0, 0.0, 0.0)), period * DT_S)
-        found = joints.follow(motion, limit_motion(KAWASAKI.limits, motion, target, DT_S), DT_S)
-        assert isinstance(found, CommandedMotion)
-        motion = found
-    while not motion.is_at_rest:
-        found = joints.follow(motion, brake(KAWASAKI.limits, motion, DT_S), DT_S)
-        assert isinstance(found, CommandedMotion)
-        motion = found
 
 
 def test_an_arm_without_a_fitting_model_is_not_checked_and_the_reply_gives_the_reason() -> None:

@@ -5,16 +5,13 @@ from collections import deque
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
-from common.config.load import load_cell
+from common.config.load import cell_from_tree, dump_cell, load_cell
 from common.motion.frames import apart
 from common.motion.limits import (
     ArmBounds,
@@ -25,7 +22,9 @@ from common.motion.limits import (
     check_joints,
     check_workspace,
     check_wrench,
+    slowed,
 )
+from forcemesh.errors import ConfigError
 from forcemesh.messages import Trip
 from tests.fakes.arbiter_world import pose_at
 
@@ -37,13 +36,6 @@ LIMITS = Limits.of(CELL)
 CENTRE = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
 MIDDLE = (LIMITS.joint_min_rad + LIMITS.joint_max_rad) / 2.0
 NOT_FINITE = (math.nan, math.inf, -math.inf)
-HUGE = (1e30, 1e154, 1e200, 1.7e308)  # squares of the larger ones overflow
-
-directions = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)).filter(
-    lambda v: np.linalg.norm(v) > 1e-2
-)
-turns = hnp.arrays(float, 3, elements=st.floats(-1.7, 1.7))
-spots = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
 
 
 def around(limit: float) -> list[float]:
@@ -82,57 +74,38 @@ def test_the_workspace_ends_exactly_at_its_walls(axis: int, side: str) -> None:
             assert f"TCP {'xyz'[axis]} = {value * 1e3:.1f} mm" in trip.text
 
 
+@pytest.mark.parametrize("slack_rad", [0.0, 0.01])
 @pytest.mark.parametrize("joint", range(6))
-def test_each_joint_ends_exactly_at_its_limits(joint: int) -> None:
-    """Swept at both ends of all six; the trip counts joints from 1 as the pendant does."""
-    ends = (LIMITS.joint_min_rad[joint], LIMITS.joint_max_rad[joint])
-    for value in [*around(ends[0]), *around(ends[1])]:
+def test_each_joint_ends_exactly_at_its_limits(joint: int, slack_rad: float) -> None:
+    """Swept at both ends of all six, widened by a tolerance; joints count from 1."""
+    low = LIMITS.joint_min_rad[joint] - slack_rad
+    high = LIMITS.joint_max_rad[joint] + slack_rad
+    for value in [*around(low), *around(high)]:
         q = MIDDLE.copy()
         q[joint] = value
-        trip = check_joints(LIMITS, q)
-        if ends[0] <= value <= ends[1]:
+        trip = check_joints(LIMITS, q, slack_rad=slack_rad)
+        if low <= value <= high:
             assert trip is None
         else:
-            assert_trip(trip, "joint", value, ends[0] if value < ends[0] else ends[1])
+            assert_trip(trip, "joint", value, low if value < low else high)
             assert trip is not None
             assert f"joint {joint + 1} " in trip.text
 
 
-@pytest.mark.parametrize("joint", range(6))
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_tolerance_widens_the_range_of_each_joint_on_both_sides(joint: int, sign: float) -> None:
-    """Less than the tolerance beyond the range is accepted, more is refused at the wider limit."""
-    edge = (LIMITS.joint_min_rad if sign < 0.0 else LIMITS.joint_max_rad)[joint]
-    for beyond_rad, is_refused in ((0.009, False), (0.011, True)):
-        q = np.zeros(6)
-        q[joint] = edge + sign * beyond_rad
-        trip = check_joints(LIMITS, q, slack_rad=0.01)
-        assert (trip is not None) == is_refused
-        if trip is not None:
-            assert trip.limit == pytest.approx(edge + sign * 0.01)
-        assert check_joints(LIMITS, q) is not None
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
-    """Swept: distance from where the arm is."""
-    for length in around(LIMITS.step_m):
-        trip = check_step(LIMITS, pose_at([0, 0, 0]), pose_at(np.eye(3)[axis] * length))
-        assert (trip is None) == (length <= LIMITS.step_m)
+@pytest.mark.parametrize(
+    ("code", "limit_m"), [("step", LIMITS.step_m), ("tether", LIMITS.tether_m)]
+)
+def test_the_distance_between_two_poses_ends_exactly(
+    code: Literal["step", "tether"], limit_m: float, axis: int
+) -> None:
+    """Of a set point from the arm, and of the arm from its arming."""
+    for length in around(limit_m):
+        trip = check_apart(code, LIMITS, pose_at([0, 0, 0]), pose_at(np.eye(3)[axis] * length))
+        assert (trip is None) == (length <= limit_m)
         if trip is not None:
-            assert_trip(trip, "step", length, LIMITS.step_m)
-            assert f"{length * 1e3:.1f} mm" in trip.text
-
-
-@given(directions, st.sampled_from(around(LIMITS.step_rad)))
-def test_a_set_point_may_be_one_turn_away_and_no_more(axis: np.ndarray, angle: float) -> None:
-    """The same for orientation, about any axis, up to the rounding of the logarithm."""
-    T_to = pose_at([0, 0, 0], axis / np.linalg.norm(axis) * angle)
-    trip = check_step(LIMITS, pose_at([0, 0, 0]), T_to)
-    if abs(angle - LIMITS.step_rad) > 1e-9:
-        assert (trip is None) == (angle <= LIMITS.step_rad)
-    if trip is not None:
-        assert_trip(trip, "step", angle, LIMITS.step_rad)
+            assert_trip(trip, code, length, limit_m)
+            assert f"{length * 1e3:.0f}" in trip.text
 
 
 def test_half_a_turn_is_the_longest_turn() -> None:
@@ -140,45 +113,6 @@ def test_half_a_turn_is_the_longest_turn() -> None:
     for axis in np.eye(3):
         trip = check_step(LIMITS, pose_at([0, 0, 0]), pose_at([0, 0, 0], math.pi * axis))
         assert_trip(trip, "step", math.pi, LIMITS.step_rad)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_tether_ends_exactly(axis: int) -> None:
-    """Swept: distance from where the arm was armed."""
-    for length in around(LIMITS.tether_m):
-        trip = check_tether(LIMITS, pose_at(np.zeros(3)), pose_at(np.eye(3)[axis] * length))
-        assert (trip is None) == (length <= LIMITS.tether_m)
-        if trip is not None:
-            assert_trip(trip, "tether", length, LIMITS.tether_m)
-            assert f"{length * 1e3:.0f} mm" in trip.text
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_tether_ends_for_turns_as_well(axis: int, sign: float) -> None:
-    """Swept in degrees, both signs: half a turn and all beyond the limit is refused."""
-    for turn_deg in (*range(0, 150, 10), 149.9, 150.1, 160.0, 170.0, 175.0, 180.0):
-        turned = pose_at(np.zeros(3), sign * math.radians(turn_deg) * np.eye(3)[axis])
-        trip = check_tether(LIMITS, pose_at(np.zeros(3)), turned)
-        assert (trip is None) == (turn_deg <= 150.0), turn_deg
-        if trip is not None:
-            assert_trip(trip, "tether", math.radians(turn_deg), LIMITS.tether_rad)
-            assert f"{turn_deg:.1f} degrees" in trip.text
-
-
-@given(spots, directions)
-def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, travel: np.ndarray) -> None:
-    """Anywhere in base: only the difference counts."""
-    near, far = 0.99 * travel / np.linalg.norm(travel), 1.01 * travel / np.linalg.norm(travel)
-    step_m, tether_m = LIMITS.step_m, LIMITS.tether_m
-
-    assert check_step(LIMITS, pose_at(p), pose_at(p + near * step_m)) is None
-    assert_trip(
-        check_step(LIMITS, pose_at(p), pose_at(p + far * step_m)), "step", 1.01 * step_m, step_m
-    )
-    assert check_tether(LIMITS, pose_at(p), pose_at(p + near * tether_m)) is None
-    trip = check_tether(LIMITS, pose_at(p), pose_at(p + far * tether_m))
-    assert_trip(trip, "tether", 1.01 * tether_m, tether_m)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -234,31 +168,6 @@ def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None
         assert [trip.code if trip else None for trip in trips] == ["not_finite"] * len(trips)
 
 
-@pytest.mark.parametrize("number", NOT_FINITE)
-def test_a_wrench_must_be_finite_where_no_ceiling_applies(number: float) -> None:
-    """As the limits for backing off: an infinite force is not below an infinite ceiling."""
-    limits, v = replace(LIMITS, force_N=math.inf, torque_Nm=math.inf), np.array([0.0, number, 0.0])
-    for trip in (check_wrench(limits, v, np.zeros(3)), check_wrench(limits, np.zeros(3), v)):
-        assert trip is not None
-        assert trip.code == "not_finite"
-
-
-@pytest.mark.parametrize("huge", HUGE)
-def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
-    """Finite numbers whose squares are not finite: the rule they broke, not an exception."""
-    v = np.array([huge, 0.0, -huge])
-    codes = [
-        check_workspace(LIMITS, pose_at(v)),
-        check_step(LIMITS, pose_at(CENTRE), pose_at(v)),
-        check_tether(LIMITS, pose_at(CENTRE), pose_at(v)),
-        check_wrench(LIMITS, v, np.zeros(3)),
-        check_wrench(LIMITS, np.zeros(3), v),
-        check_joints(LIMITS, np.array([*v, *v])),
-    ]
-    names = ["workspace", "step", "tether", "force", "torque", "joint"]
-    assert [trip.code if trip else None for trip in codes] == names
-
-
 @pytest.mark.parametrize("check", [check_step, check_tether])
 def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     """To the last digit of the angle that is computed."""
@@ -267,35 +176,6 @@ def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.args[0])):
         trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
         assert (trip and trip.code) == rule
-
-
-@pytest.mark.parametrize(
-    ("check", "far", "rotated"),
-    [
-        (
-            check_step,
-            "set point 30.0 mm away from the arm",
-            "set point 20.0 degrees away from the arm",
-        ),
-        (
-            check_tether,
-            "30 mm away from the pose at arming",
-            "rotated 20.0 degrees from the pose at arming, limits.tether_deg is 10",
-        ),
-    ],
-)
-def test_a_trip_for_a_distance_gives_millimetres_and_degrees(check, far, rotated) -> None:
-    """Numbers inside are in SI units."""
-    ten = math.radians(10.0)
-    limits = replace(LIMITS, step_m=0.01, tether_m=0.01, step_rad=ten, tether_rad=ten)
-    T_from = pose_at(CENTRE)
-    for T_to, text in (
-        (pose_at(CENTRE + np.array([0.0, 0.03, 0.0])), far),
-        (pose_at(CENTRE, [0.0, 0.0, 2.0 * ten]), rotated),
-    ):
-        trip = check(limits, T_from, T_to)
-        assert trip is not None
-        assert trip.text == text
 
 
 def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None:
@@ -361,3 +241,105 @@ def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
     assert np.degrees(limits.joint_speed_rad_s) == pytest.approx(share_deg_s)
     assert limits.planes[0].point_m.tolist() == [0.1, 0.2, 0.3]
     assert limits.planes[0].normal == pytest.approx([0.0, 0.6, 0.8])
+
+
+# --- windows --------------------------------------------------------------------------------------
+
+
+def check_joint_speed(speed_rad_s: np.ndarray | list[float]) -> Trip | None:
+    """Check an arm that is within all limits but that of its joint speeds."""
+    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
+    track = JointTrack(deque([(0, np.zeros(6)), (10**9, tuple(speed_rad_s))]))
+    return bounds.measured(pose_at(CENTRE), np.zeros(6), track)
+
+
+@pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])
+def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old(
+    period_ms: int,
+) -> None:
+    """Also where it jumps at once; before there is such a sample no speed is known."""
+    back = -(-100 // period_ms)  # samples
+    for known in range(1, 3 * back):
+        track, stamp_ns = JointTrack(), 10**9
+        for number in range(known + 1):
+            stamp_ns = 10**9 + number * period_ms * 1_000_000
+            assert (track.speed_rad_s is not None) == (number > back)
+            track.add(stamp_ns, np.full(6, 0.5 + (number == known)))
+        speed = track.speed_rad_s
+        if known < back:
+            assert speed is None
+        else:
+            assert speed == pytest.approx(np.full(6, 1e3 / (back * period_ms)))
+
+
+def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
+    """Nor does an older one: time never goes back."""
+    track = JointTrack()
+    for stamp_ns, angle_rad in ((10**9, 0.0), (2 * 10**9, 1.0), (2 * 10**9, 9.0), (10**9 + 1, 9.0)):
+        track.add(stamp_ns, np.full(6, angle_rad))
+    assert track.speed_rad_s == pytest.approx(np.ones(6))
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_each_joint_has_its_speed(joint: int) -> None:
+    """Swept about the limit, both signs; not finite is a trip, too."""
+    fastest = LIMITS.joint_speed_rad_s[joint]
+    for speed in (fastest, -fastest, 1.001 * fastest, -1.001 * fastest, math.nan):
+        speeds = np.zeros(6)
+        speeds[joint] = speed
+        trip = check_joint_speed(speeds)
+        assert (trip is None) == (abs(speed) <= fastest)
+        if trip is not None:
+            assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")
+
+
+def test_a_lower_speed_counts_for_turns_at_a_lever_of_100_mm() -> None:
+    """Command 5 limits streams and force feedback; it never raises a limit of the cell."""
+    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
+    slow = slowed(bounds, 0.02).limits
+    assert (slow.speed_m_s, slow.speed_rad_s) == (0.02, pytest.approx(0.2))
+    assert slowed(bounds, 9.0).limits.speed_rad_s == LIMITS.speed_rad_s
+    assert slowed(bounds, None) is bounds
+
+
+# --- ceilings -------------------------------------------------------------------------------------
+
+CEILINGS = {
+    "limits.step_m": 0.2,
+    "limits.step_deg": 90.0,
+    "limits.speed_m_s": 2.0,
+    "limits.speed_deg_s": 360.0,
+    "limits.accel_m_s2": 20.0,
+    "limits.accel_deg_s2": 5000.0,
+    "limits.tether_m": 5.0,
+    "limits.force_N": 1000.0,
+    "limits.torque_Nm": 100.0,
+    "limits.joint_speed_share": 1.0,
+    "force.speed_max_m_s": 0.25,
+    "force.speed_max_rad_s": 2.0,
+    "force.approach_m_s": 0.25,
+    "force.retreat_m": 0.002,
+    "force.retreat_m_s": 0.01,
+}
+
+
+@pytest.mark.parametrize("path", CEILINGS)
+def test_no_cell_file_gets_above_the_ceilings_of_the_code(path: str) -> None:
+    """Swept: the ceiling itself loads, the next number does not, and the mistake names it."""
+    section, name = path.split(".")
+    tree = CELL.model_dump(mode="json")
+    tree["sensor"] |= {"force_range_N": 4000.0, "torque_range_Nm": 400.0}  # saturates beyond them
+    tree[section][name] = CEILINGS[path]
+    assert dump_cell(cell_from_tree(tree, "x.yaml"))
+    tree[section][name] = math.nextafter(CEILINGS[path], math.inf)
+    with pytest.raises(ConfigError, match=rf"{section}\.{name}: must be at most"):
+        cell_from_tree(tree, "x.yaml")
+
+
+@pytest.mark.parametrize("number", NOT_FINITE)
+def test_a_wrench_must_be_finite_where_no_ceiling_applies(number: float) -> None:
+    """As the limits for backing off: an infinite force is not below an infinite ceiling."""
+    limits, v = replace(LIMITS, force_N=math.inf, torque_Nm=math.inf), np.array([0.0, number, 0.0])
+    for trip in (check_wrench(limits, v, np.zeros(3)), check_wrench(limits, np.zeros(3), v)):
+        assert trip is not None
+        assert trip.code == "not_finite"

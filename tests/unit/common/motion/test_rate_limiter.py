@@ -1,7 +1,6 @@
 """Limits of commanded motion: speed and acceleration are kept for any target."""
 
 from dataclasses import replace
-from itertools import pairwise
 from math import dist, hypot, nextafter, radians
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.motion.frames import rotation_between, rotation_from_vector
+from common.motion.frames import rotation_between
 from common.motion.limits import Limits
 from common.motion.rate_limiter import (
     REST,
@@ -87,108 +86,6 @@ def test_a_constant_target_is_reached_and_not_passed(p_target, turn_target) -> N
         if is_at_target(motion) and motion.is_at_rest:
             break
     assert motion.T_base_flange is T_target
-
-
-@given(speed=st.floats(-1.0, 1.0), start=st.floats(-1.0, 1.0))
-def test_a_stream_within_the_limits_is_let_through_untouched(speed: float, start: float) -> None:
-    """The very object each period, so the force loop does not feel that there are limits."""
-    most_m = LIMITS.accel_m_s2 * DT_S * DT_S
-    travel_m, y_m, motion = (
-        0.0,
-        0.1 * start,
-        at_rest(pose_at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3))),
-    )
-    for _ in range(20):
-        travel_m = max(
-            min(travel_m + speed * most_m, LIMITS.speed_m_s * DT_S), -LIMITS.speed_m_s * DT_S
-        )
-        y_m += 0.999 * travel_m
-        T_target = pose_at(np.array([0.0, y_m, 0.0]), np.zeros(3))
-        motion = limit_motion(LIMITS, motion, T_target, DT_S)
-        assert motion.T_base_flange is T_target
-
-
-@settings(max_examples=25)
-@given(st.floats(0.005, 0.15), st.floats(0.002, 0.008))
-def test_a_stream_that_starts_at_once_is_caught_up_with(speed_m_s: float, dt_s: float) -> None:
-    """After the ramp there is no lag left, and no command went back meanwhile."""
-    motion = at_rest(pose_at(np.zeros(3), np.zeros(3)))
-    for period in range(1, 400):
-        T_target = pose_at(np.array([period * dt_s * speed_m_s, 0.0, 0.0]), np.zeros(3))
-        motion = limit_motion(LIMITS, motion, T_target, dt_s)
-        assert not motion.lags
-        if is_at_target(motion):
-            break
-    assert is_at_target(motion)
-
-
-def test_a_stream_that_is_too_fast_lags() -> None:
-    """The regulator continues from the pose that was let through, before it runs far ahead."""
-    motion, farthest_m = at_rest(pose_at(np.zeros(3), np.zeros(3))), 0.5 * LIMITS.speed_m_s**2 / 2.0
-    for period in range(1, 400):
-        T_target = pose_at(
-            np.array([period * DT_S * 1.2 * LIMITS.speed_m_s, 0.0, 0.0]), np.zeros(3)
-        )
-        motion = limit_motion(LIMITS, motion, T_target, DT_S)
-        behind_m = size(T_target.translation - motion.T_base_flange.translation)
-        assert motion.lags == (behind_m > farthest_m)
-    assert motion.lags
-
-
-@given(turns.filter(lambda turn: size(turn) > 0.01), spots)
-def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
-    """Travel and turn are cut by the same share: in the first period the tip hardly moves."""
-    T_target = pose_at(tip_m - rotation_from_vector(turn) @ tip_m, turn)
-    motion = limit_motion(LIMITS, at_rest(pose_at(np.zeros(3), np.zeros(3))), T_target, DT_S)
-    T, first_rad = motion.T_base_flange, LIMITS.accel_rad_s2 * DT_S * DT_S
-    slip_m = size(T.act(tip_m) - tip_m)
-
-    assert slip_m <= size(turn) * first_rad * size(tip_m) + 1e-9
-
-
-def test_no_time_means_no_motion() -> None:
-    """At dt = 0 the pose and its speed stay."""
-    motion = limit_motion(
-        LIMITS, at_rest(pose_at(np.zeros(3), np.zeros(3))), pose_at(np.ones(3), np.ones(3)), 0
-    )
-    assert size(motion.T_base_flange.translation) == 0.0
-    assert motion.is_at_rest
-
-
-# --- braking --------------------------------------------------------------------------------------
-
-
-@given(targets)
-def test_braking_ends_at_the_predicted_pose(targets) -> None:
-    """At rest after the shortest time, not beyond the resting place, near to it."""
-    motion = at_rest(pose_at(np.zeros(3), np.zeros(3)))
-    for p_target, turn_target, _ in targets:
-        motion = limit_motion(LIMITS, motion, pose_at(p_target, turn_target), DT_S)
-    T_from, T_rest = motion.T_base_flange, resting_place(LIMITS, motion)
-    periods = 0
-    while not motion.is_at_rest:
-        after = brake(LIMITS, motion, DT_S)
-        assert dist(after.speeds[0], motion.speeds[0]) <= LIMITS.accel_m_s2 * DT_S * SLACK
-        motion, periods = after, periods + 1
-        assert periods < 200
-    travel_m = size(T_rest.translation - T_from.translation)
-    assert size(motion.T_base_flange.translation - T_from.translation) <= travel_m + 1e-12
-    assert size(motion.T_base_flange.translation - T_rest.translation) <= (
-        LIMITS.speed_m_s * DT_S + 1e-12
-    )
-
-
-def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
-    """The default acceleration is quick compared with the force loop: 50 mm/s in 25 ms."""
-    motion, speeds = at_rest(pose_at(np.zeros(3), np.zeros(3))), [0.0]
-    for period in range(1, 12):
-        T_target = pose_at(
-            np.array([period * DT_S * CELL.force.speed_max_m_s, 0.0, 0.0]), np.zeros(3)
-        )
-        motion = limit_motion(LIMITS, motion, T_target, DT_S)
-        speeds.append(hypot(*motion.speeds[0]))
-    assert all(b - a <= LIMITS.accel_m_s2 * DT_S * SLACK for a, b in pairwise(speeds))
-    assert max(speeds[:8]) >= CELL.force.speed_max_m_s
 
 
 # --- to the last digit ----------------------------------------------------------------------------

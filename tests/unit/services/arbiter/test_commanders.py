@@ -1,25 +1,34 @@
-"""One commander at a time, and the limits of the commands that pass."""
+"""Goals and set points of one commander, and the hand-over between two, with rest in between."""
 
 import math
+from itertools import pairwise, product
+from math import radians
+from typing import Any, get_args
 
-import numpy as np
-import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.config.arm import UNKNOWN_ARM
-from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_from_vector
-from forcemesh.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
+from common.motion.convert import pose_of
+from common.motion.permission import outranks
+from forcemesh.messages import (
+    Accepted,
+    Asker,
+    Commander,
+    GoalReport,
+    PoseRecord,
+    RobotCommand,
+    Speed,
+)
 from forcemesh.requests import MoveRequest
+from services.arbiter.commanders import REST_S
+from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,
-    MOVE_JOINTS,
     PERIOD_NS,
     STOPPED,
-    T_START,
     World,
     distance_m,
     shifted,
@@ -27,99 +36,14 @@ from tests.fakes.arbiter_world import (
 )
 
 LIMITS = CELL.limits
-FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
-FASTEST_M = LIMITS.speed_m_s * PERIOD_NS * 1e-9  # way of one period
 FIRST_M = LIMITS.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # way of the first period from rest
 NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
 BAD_MOVES = {
-    "a pose that is outside": (MoveRequest(kind="pose", pose=shifted(z_m=0.5)), "workspace"),
-    "a pose without a pose": (MoveRequest(kind="pose"), "malformed"),
-    "joints without joints": (MoveRequest(kind="joints"), "malformed"),
-    "by without joints": (MoveRequest(kind="by", pose=shifted()), "malformed"),
+    "outside": (MoveRequest(kind="pose", pose=shifted(z_m=0.5)), "workspace"),
     "no orientation": (MoveRequest(kind="pose", pose=NOWHERE), "not_finite"),
-    "joints out of range": (MoveRequest(kind="joints", joint_rad=(0, 3, 0, 0, 0, 0)), "joint"),
-    "by out of range": (MoveRequest(kind="by", joint_rad=(0, 0, 0, 0, -3, 0)), "joint"),
-    "a huge number": (MoveRequest(kind="joints", joint_rad=(99.0,) * 6), "joint"),
-    "too fast": (
-        MoveRequest(kind="pose", pose=shifted(z_m=-0.05), speed_m_s=0.251),
-        "speed",
-    ),
+    "too fast": (MoveRequest(kind="pose", pose=shifted(z_m=-0.05), speed_m_s=0.251), "speed"),
 }
-
-
-# --- one commander --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("move", [MOVE_DOWN, MOVE_JOINTS])
-def test_a_move_is_busy_under_another_one(move: MoveRequest) -> None:
-    """The refusal names the owner of the arm; the present command continues."""
-    world = World().make_active("operator")
-    before = world.tick()
-    reply = world.core.move(move, world.inputs())
-    assert (reply.accepted, reply.code) == (False, "busy")
-    assert "operator" in reply.text
-    assert world.tick() == before
-
-
-@pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
-def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
-    """A move is refused in every other state, with the remedy."""
-    world = World()
-    if ready != "BOOT":
-        world.make_ready()
-    if ready == "HOLDING":
-        world.core.hold("enough")
-    if ready == "FAULT":
-        world.core.arm(world.inputs())
-        world.silent.add("sensor")
-        world.tick()
-    reply = world.core.move(MOVE_DOWN, world.inputs())
-
-    assert (reply.accepted, reply.code) == (False, "not_armed")
-    assert ready in reply.text
-
-
-def test_a_regulator_started_during_a_goal_does_not_take_over() -> None:
-    """Neither during the goal nor after it: the arbiter must first receive its stop."""
-    world = World().make_active("operator")
-    world.propose(shifted(z_m=-0.01))
-    assert world.tick(5).kind == "goal"
-    world.report_goal("done")
-    command = world.tick(100)
-    assert (command.kind, world.core.state) == ("idle", "ARMED")
-
-    world.messages["target"] = STOPPED
-    world.tick()
-    world.propose(shifted())
-    assert world.tick().kind == "setpoint"
-
-
-def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
-    """After a hold and an arming, force feedback continues only after a new start."""
-    world = World().make_active("regulator")
-    world.core.hold("enough")
-    assert world.core.arm(world.inputs()).accepted
-    assert world.tick(100).kind == "idle"
-
-    world.messages["target"] = STOPPED
-    world.tick()
-    world.propose(shifted())
-    assert world.tick().kind == "setpoint"
-
-
-def test_the_first_set_point_is_the_measured_pose() -> None:
-    """The hand-over has no jump: the pose is equal if the regulator starts there, else a step."""
-    world = World().make_armed()
-    world.propose(shifted())
-    command = world.tick()
-    assert (command.kind, command.commander, command.limited) == ("setpoint", "regulator", False)
-    assert distance_m(command.pose, shifted()) == 0.0
-
-    world = World().make_armed()
-    world.propose(shifted(x_m=0.01))
-    command = world.tick()
-    assert distance_m(command.pose, shifted()) == pytest.approx(FIRST_M)
 
 
 # --- goals ----------------------------------------------------------------------------------------
@@ -138,18 +62,6 @@ def test_a_goal_is_repeated_each_period_until_the_robot_reports() -> None:
     assert world.tick().kind == "goal"
     world.report_goal("done")
     assert (world.tick().kind, world.core.state, world.core.status().trips) == ("idle", "ARMED", ())
-
-
-def test_a_goal_that_the_robot_refuses_is_reported_and_does_not_hold() -> None:
-    """The status has the reason, the arm stays armed, the next move clears it."""
-    world = World().make_active("operator")
-    world.report_goal("refused", reason="out of reach")
-    assert world.tick().kind == "idle"
-    assert [trip.text for trip in world.core.status().trips] == ["out of reach"]
-    assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
-    world.pass_s(0.2)
-    assert world.core.state == "ACTIVE"
-    assert world.core.status().trips == ()
 
 
 @pytest.mark.parametrize("last_id", [0, 1, 2, 10**6])
@@ -175,30 +87,6 @@ def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, c
     assert (world.tick().kind, world.core.state) == ("idle", "ARMED")
 
 
-def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
-    """The value is the distance from the pose of the arming."""
-    world = with_limits(tether_m=0.1).make_armed()
-    reply = world.core.move(MoveRequest(kind="pose", pose=shifted(x_m=0.11)), world.inputs())
-
-    assert (reply.code, reply.limit) == ("tether", 0.1)
-    assert reply.value == pytest.approx(0.11)
-
-
-def test_a_relative_move_counts_from_the_measured_joints() -> None:
-    """Ten degrees before the limit, slightly less is allowed; absolute angles stay as they are."""
-    world = World()
-    near = (0.0, math.radians(125.0), 0.0, 0.0, 0.0, 0.0)
-    world.change("robot", joint_rad=near)
-    world.make_armed()
-    for degrees, accepted in ((10.1, False), (9.9, True)):
-        by = (0.0, math.radians(degrees), 0.0, 0.0, 0.0, 0.0)
-        move = MoveRequest(kind="by", joint_rad=by)
-        assert world.core.move(move, world.inputs()).accepted == accepted
-    world.report_goal("done")
-    world.tick()
-    assert world.core.move(MoveRequest(kind="joints", joint_rad=near), world.inputs()).accepted
-
-
 def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     """The effective speed counts: mechanical times modular."""
     world = World().make_armed()
@@ -213,59 +101,7 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     assert world.tick().speed == right
 
 
-def test_the_speed_of_a_move_is_for_that_move_only() -> None:
-    """A fast move does not make the next one fast."""
-    world = World().make_armed()
-    slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
-    world.core.set_speed(slow)
-    world.core.move(MOVE_DOWN.replaced(speed_m_s=0.2), world.inputs())
-    speed = world.tick().speed
-    assert speed.mechanical_m_s * speed.modular_fraction == pytest.approx(0.2)
-    assert speed.accel_fraction == 0.3
-    world.report_goal("done")
-    assert world.tick().speed == slow
-    world.core.move(MOVE_JOINTS, world.inputs())
-    assert world.pass_s(0.2).kind == "goal"
-    assert world.tick().speed == slow
-
-
 # --- set points -----------------------------------------------------------------------------------
-
-
-@given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)),
-                min_size=1, max_size=10))  # fmt: skip
-def test_set_points_never_exceed_the_speed_limit(
-    proposals: list[tuple[float, float, float]],
-) -> None:
-    """For any proposals a command moves by at most one period's travel."""
-    world = with_limits(step_m=0.2).make_active("regulator")
-    before = shifted()
-    for x_m, y_m, turn in proposals:
-        R = rotation_from_vector(np.array([0.0, 0.0, turn])) @ T_START.rotation
-        proposal = pin.SE3(R, T_START.translation + np.array([x_m, y_m, 0.0]))
-        world.propose(record_of(proposal))
-        command = world.tick()
-        if command.kind != "setpoint" or command.pose is None:
-            return
-        moved = distance_m(command.pose, before)
-        assert moved <= FASTEST_M * (1.0 + 1e-9)
-        before = command.pose
-
-
-def test_force_feedback_that_returns_from_the_controller_starts_at_the_arm() -> None:
-    """The controller has moved the arm: the last set point is no longer its pose."""
-    world = World().make_active("regulator")
-    away = shifted(y_m=-0.015)
-    world.propose(None, host="controller", feedback=FEEDBACK)
-    assert world.tick().kind == "idle"
-    assert world.pass_s(0.2).kind == "feedback"
-    world.place(pose_of(away))
-    world.tick(5)
-    world.propose(away)
-    assert world.tick().kind == "idle"
-    command = world.pass_s(0.2)
-    assert command.kind == "setpoint"
-    assert distance_m(command.pose, away) <= 1e-12
 
 
 def test_an_arm_without_a_model_follows_set_points_too() -> None:
@@ -303,3 +139,163 @@ def test_an_invalid_target_holds(changes: dict[str, object], code: str) -> None:
 
     assert (command.kind, command.permission) == ("hold", None)
     assert world.core.status().trips[0].code == code
+
+
+OWNERS = ("regulator", "controller", "program", "operator")  # controller: the regulator there
+REQUESTERS: tuple[Asker, ...] = get_args(Asker)
+# Repeated on purpose: a change of the ranks has to be made twice.
+TAKES = {
+    ("regulator", "program"),
+    ("regulator", "operator"),
+    ("controller", "program"),
+    ("controller", "operator"),
+    ("program", "operator"),
+}
+BY_PROGRAM = MOVE_DOWN.replaced(commander="program")
+pairs = list(product(OWNERS, REQUESTERS))
+
+
+def commander_of(owner: Any) -> Commander:
+    """Return an owner's name on the bus: the regulator on either loop host."""
+    return "regulator" if owner == "controller" else owner
+
+
+def settle(world: RobotWorld, until: str = "ACTIVE", at_most: int = 200) -> RobotCommand:
+    """Let periods pass until the next owner has begun; the regulator receives the status."""
+    for _ in range(at_most):
+        command = world.tick()
+        world.stop_the_regulator()
+        if world.core.state == until:
+            return command
+    raise AssertionError(f"still {world.core.state}")
+
+
+@pytest.mark.parametrize(("owner", "requester"), pairs)
+def test_a_higher_rank_takes_the_arm(owner: str, requester: Asker) -> None:
+    """Swept: a higher rank is accepted; the refusal of an equal or lower one names the owner."""
+    world = RobotWorld().give(owner)
+    before = world.core.status()
+    reply = world.ask(requester)
+    assert reply is not None
+
+    assert reply.accepted == ((owner, requester) in TAKES)
+    assert reply.accepted == outranks(requester, commander_of(owner))
+    if not reply.accepted:
+        assert reply.code == "busy"
+        assert commander_of(owner) in reply.text
+        assert world.core.status() == before
+        assert world.tick(20).kind in MOTIONS
+
+
+@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
+def test_the_next_owner_begins_when_the_arm_is_at_rest(owner: str, requester: str) -> None:
+    """Idle from the first period on; the new owner moves when the robot has rested for a while."""
+    world = RobotWorld().give(owner)
+    first = len(world.commands)
+    assert world.ask(requester)
+    assert world.core.state == "SETTLING"
+    command = settle(world)
+
+    assert (command.kind, command.commander) == ("goal", requester)
+    between = world.commands[first:-1]
+    assert {command.kind for command in between} == {"idle"}
+    rested = round(REST_S * 1e9 / PERIOD_NS)
+    assert not any(world.began_moving[-rested:])
+    assert len(between) >= world.lag_periods + world.brake_periods + rested - 1
+
+
+@pytest.mark.parametrize("host", ["regulator", "controller"])
+@pytest.mark.parametrize("owner", REQUESTERS)
+def test_force_feedback_never_takes_the_arm_from_a_move(owner: str, host: str) -> None:
+    """Neither during the move nor after it: it has to be stopped and started again."""
+    world = RobotWorld().give(owner)
+    world.ask(host)
+    assert {command.kind for command in [world.tick() for _ in range(50)]} == {"goal"}
+    world.change("robot", goal=world.robot.goal.replaced(state="done"))
+    assert world.tick().kind == "idle"
+    assert world.tick(100).kind == "idle"
+
+    world.messages["target"] = STOPPED
+    world.tick()
+    world.ask(host)
+    assert world.tick(2).kind in MOTIONS
+
+
+@settings(max_examples=12)
+@given(lag=st.integers(0, 10), brake=st.integers(0, 60), stop_z_m=st.floats(-0.004, 0.004))
+def test_a_regulator_begins_at_the_measured_pose_at_rest(
+    lag: int, brake: int, stop_z_m: float
+) -> None:
+    """For any delay and braking of the robot; meanwhile the regulator receives the pose."""
+    world = RobotWorld(lag_periods=lag, brake_periods=brake).give("program")
+    world.change("robot", goal=world.robot.goal.replaced(state="done"))
+    world.tick()
+    world.place(pose_of(shifted(z_m=stop_z_m)))
+    world.tick()
+    before, command = world.robot, world.tick()
+    while command.kind == "idle":
+        assert len(world.commands) < 500
+        world.ask("regulator")
+        before, command = world.robot, world.tick()
+        assert (command.kind, command.limited) in {("idle", True), ("setpoint", False)}
+        assert distance_m(command.pose, before) <= FIRST_M
+    assert not before.status.moving
+
+
+def test_a_robot_without_an_echo_of_the_new_turn_delays_the_hand_over() -> None:
+    """A robot at rest that has not received the turn may still move by an older command."""
+    world = World().make_armed()
+    assert world.core.move(BY_PROGRAM, world.inputs()).accepted
+    turn = world.core.status().ownership
+    world.change("robot", accepted=Accepted(epoch=1, seq=1, ownership=turn, at_ns=1))
+    assert world.tick().commander == "program"
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    assert world.tick(100).kind == "idle"
+    assert world.core.state == "SETTLING"
+
+    world.change("robot", accepted=Accepted(epoch=1, seq=1, ownership=turn + 1, at_ns=1))
+    assert world.pass_s(0.2).commander == "operator"
+
+
+def test_a_relative_move_starts_from_the_angles_at_rest() -> None:
+    """It is checked again then: a move out of range does not begin, and the reason is reported."""
+    world = RobotWorld()
+    world.change("robot", joint_rad=(0.0, radians(120.0), 0.0, 0.0, 0.0, 0.0))
+    world.give("program")
+    by = MoveRequest(kind="by", joint_rad=(0.0, radians(14.0), 0.0, 0.0, 0.0, 0.0))
+    assert world.core.move(by, world.inputs()).accepted
+    world.change("robot", joint_rad=(0.0, radians(121.5), 0.0, 0.0, 0.0, 0.0))
+    settle(world, "ARMED")
+
+    assert [trip.code for trip in world.core.status().trips] == ["preempted", "goal_refused"]
+    assert "joint 2" in world.core.status().trips[1].text
+    assert world.tick(50).kind == "idle"
+
+
+def test_a_stopped_regulator_fades_and_releases_the_arm() -> None:
+    """`force stop` causes no jerk: the set points stop within the acceleration limit."""
+    world = RobotWorld().make_armed()
+    for period in range(80):
+        world.propose(shifted(z_m=-0.0002 * period))
+        world.tick()
+    world.messages["target"] = STOPPED
+    while world.tick().kind == "setpoint":
+        assert len(world.commands) < 500
+
+    assert (world.commands[-1].kind, world.core.state) == ("idle", "ARMED")
+    travels = world.travels_m
+    assert travels[-1] <= FIRST_M * (1.0 + 1e-6) < 0.2 * max(travels)
+    assert max(abs(b - a) for a, b in pairwise(travels)) <= FIRST_M * (1.0 + 1e-6)
+
+
+def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
+    """After a hold and an arming, force feedback continues only after a new start."""
+    world = World().make_active("regulator")
+    world.core.hold("enough")
+    assert world.core.arm(world.inputs()).accepted
+    assert world.tick(100).kind == "idle"
+
+    world.messages["target"] = STOPPED
+    world.tick()
+    world.propose(shifted())
+    assert world.tick().kind == "setpoint"

@@ -1,28 +1,23 @@
 """Permission and limits of motion: the arbiter's decisions, period by period."""
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
-from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_from_vector
-from common.motion.limits import Limits
+from common.motion.convert import pose_of
+from forcemesh.codec import MAX_BYTES, Header, encode
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import MAY_MOVE, RobotCommand
+from forcemesh.messages import Accepted, RobotCommand, RobotStatus, Trip
+from services.arbiter.core import Arbiter
+from services.arbiter.inputs import robot_faults
 from tests.fakes.arbiter_world import (
-    CELL,
-    MOVE_JOINTS,
+    DEADLINE_S,
     ROBOT_FAULTS,
     SPOILED,
-    STOPPED,
-    T_START,
     World,
     shifted,
     with_fault,
-    with_limits,
 )
 
-LIMITS = CELL.limits
+HEADER = Header(seq=1, epoch=2**62, boot="b" * 60, stamp_ns=10**15)
 INPUTS = ["robot", "sensor", "wrench", "target"] + [
     f"{role}/health" for role in ("hub", "robot", "sensor", "wrench", "regulator")
 ]
@@ -51,17 +46,11 @@ def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -
 # --- arming ---------------------------------------------------------------------------------------
 
 
-def test_the_first_command_is_hold() -> None:
-    """An arbiter that has just started permits nothing for any input."""
-    world = World()
-    world.propose(shifted(z_m=-0.001))
-    assert world.tick().permission is None
-
-
 def test_an_arbiter_without_inputs_reports_its_start() -> None:
     """Its status is available before its first period."""
     status = World().core.status()
     assert (status.state, status.not_ready) == ("BOOT", ("starting",))
+    assert (status.lease, status.ownership) == (0, 0)
 
 
 def test_arming_needs_a_second_of_good_inputs() -> None:
@@ -81,29 +70,6 @@ def test_arming_needs_a_second_of_good_inputs() -> None:
     assert world.core.arm(world.inputs()).accepted
 
 
-@each_input
-def test_arming_names_the_faulty_input(name: str) -> None:
-    """Swept: each input in turn; the refusal has nothing else."""
-    world = World().make_ready()
-    world.silent.add(name)
-    world.tick()
-    reply = world.core.arm(world.inputs())
-
-    assert (reply.accepted, reply.text) == (False, f"{name} {SPOILED}")
-    assert world.core.status().not_ready == (f"{name} {SPOILED}",)
-
-
-@pytest.mark.parametrize("code", ROBOT_FAULTS)
-def test_arming_names_the_fault_of_the_controller(code: str) -> None:
-    """Swept: each fault of the robot, with the remedy."""
-    world = World().make_ready()
-    world.change("robot", status=with_fault(code))
-    world.tick()
-
-    reply = world.core.arm(world.inputs())
-    assert (reply.code, reply.text) == (code, FAULTS[code].remedy)
-
-
 def test_a_process_with_another_cell_file_prevents_arming() -> None:
     """Two cell files in one cell: the refusal names the role."""
     world = World().make_ready()
@@ -111,32 +77,6 @@ def test_a_process_with_another_cell_file_prevents_arming() -> None:
     world.tick()
 
     assert "wrench runs with another cell file" in world.core.arm(world.inputs()).text
-
-
-def test_a_regulator_that_is_stopped_does_not_prevent_arming() -> None:
-    """Its target may be invalid for any reason, but must be received."""
-    world = World().make_ready()
-    world.change("target", reason="arbiter/status stale: 600 ms old, limit 500 ms")
-    world.tick()
-
-    assert world.core.arm(world.inputs()).accepted
-
-
-def test_each_arming_has_a_new_lease() -> None:
-    """Numbers only grow, and the command has the announced one."""
-    world = World().make_ready()
-    leases = []
-    for _ in range(3):
-        assert world.core.arm(world.inputs()).accepted
-        command = world.tick()
-        assert command.permission is not None
-        assert command.permission.deadline_s == 0.04
-        leases.append(command.permission.lease)
-        assert world.core.status().lease == leases[-1]
-        assert world.core.arm(world.inputs()).code == "already"
-        world.core.hold("enough")
-        world.tick()
-    assert leases == [1, 2, 3]
 
 
 # --- inputs that fail in motion -------------------------------------------------------------------
@@ -158,48 +98,40 @@ def test_an_input_that_fails_in_motion_is_a_fault_with_its_name(name: str, motio
     assert world.core.arm(world.inputs()).accepted
 
 
-@each_motion
-@pytest.mark.parametrize("name", ["robot", "sensor", "wrench"])
-def test_an_invalid_input_in_motion_is_a_fault(name: str, motion: str) -> None:
-    """The trip has the reason of the input."""
-    world = moving(motion)
-    world.change(name, valid=False, reason="no cable")
-    assert_stopped(world, world.tick(), "FAULT", f"{name} invalid: no cable")
-
-
-def codes_of_invalid(sensor: str, wrench: str) -> list[str]:
-    """Return the trips when sensor and wrench are not valid, with these codes."""
-    world = World().make_armed()
-    world.change("sensor", valid=False, code=sensor, reason="broken gage")
-    world.change("wrench", valid=False, code=wrench, reason="the sensor says fault: broken gage")
-    world.tick()
-    return [trip.text for trip in world.core.trips]
-
-
 @pytest.mark.parametrize(
-    "codes", [("sensor_fault", "sensor_fault"), ("", "sensor_fault"), ("", "")]
+    ("sensor", "wrench", "codes"),
+    [
+        ("sensor_fault", "sensor_fault", ["sensor_fault"]),
+        ("", "sensor_fault", ["invalid"]),
+        ("", "", ["invalid"]),
+        ("sensor_fault", "unpaired", ["sensor_fault", "invalid"]),
+        ("silent", "sensor_silent", ["sensor_silent"]),
+        ("silent", "silent", ["sensor_silent", "stale"]),
+    ],
 )
-def test_a_fault_of_the_sensor_is_reported_once(codes: tuple[str, str]) -> None:
+def test_a_fault_of_the_sensor_is_reported_once(sensor: str, wrench: str, codes: list[str]) -> None:
     """The wrench repeats it: the same cause is no second one."""
-    assert codes_of_invalid(*codes) == ["sensor invalid: broken gage"]
-
-
-def test_a_wrench_fault_is_reported_in_addition_to_the_sensors() -> None:
-    """Two faults at once are two trips."""
-    assert len(codes_of_invalid("sensor_fault", "unpaired")) == 2
-
-
-def test_a_silent_sensor_is_reported_once_and_a_silent_wrench_in_addition() -> None:
-    """The wrench's report of the sensor is left out; its own silence is not."""
     world = World().make_armed()
-    world.silent.add("sensor")
-    world.change("wrench", valid=False, code="sensor_silent", reason="sensor/wrench stale")
+    for name, code in (("sensor", sensor), ("wrench", wrench)):
+        if code == "silent":
+            world.silent.add(name)
+        else:
+            world.change(name, valid=False, code=code, reason="broken gage")
     world.tick()
-    assert [trip.code for trip in world.core.trips] == ["sensor_silent"]
-    world = World().make_armed()
-    world.silent |= {"sensor", "wrench"}
-    world.tick()
-    assert [trip.code for trip in world.core.trips] == ["sensor_silent", "stale"]
+    assert [trip.code for trip in world.core.trips] == codes
+
+
+def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
+    """Without a cause, and with a code of another version; a silent one by its age alone."""
+    world = World()
+    world.change("robot", status=RobotStatus())
+    assert [trip.code for trip in robot_faults(world.inputs())] == ["robot_error"]
+    unknown = Trip(code="of_a_later_version", rule=999, text="the coolant is low")
+    world.change("robot", status=RobotStatus(faults=(unknown,)))
+    (trip,) = robot_faults(world.inputs())
+    assert (trip.code, trip.text) == ("robot_error", "the coolant is low")
+    world.silent.add("robot")
+    assert robot_faults(world.inputs()) == []
 
 
 @each_motion
@@ -245,77 +177,6 @@ def test_a_fault_is_not_cleared_while_its_cause_is_present() -> None:
 
 
 @each_motion
-def test_the_force_ceiling_holds(motion: str) -> None:
-    """The ceiling itself is allowed; a newton more is a hold with both numbers."""
-    world = moving(
-        motion, LIMITS.force_N - 10.0
-    )  # from this load limits.move_rise_N does not trip first
-    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N))
-    assert world.tick().permission is not None
-    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
-    assert_stopped(world, world.tick(), "HOLDING", "force 61.0 N is above the ceiling")
-    assert world.core.status().trips[0].limit == LIMITS.force_N
-
-    assert world.core.arm(world.inputs()).code == "force"
-
-
-def test_the_torque_ceiling_holds() -> None:
-    """The same holds about the TCP."""
-    world = World().make_armed()
-    world.change("wrench", torque_Nm=(0.0, LIMITS.torque_Nm + 0.1, 0.0))
-    assert_stopped(world, world.tick(), "HOLDING", "torque 10.10 N m is above the ceiling")
-
-
-@each_motion
-@pytest.mark.parametrize(
-    ("axis", "to_m"), [(0, -0.41), (0, 0.41), (1, 0.19), (1, 0.81), (2, -0.05), (2, 0.77)]
-)
-def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: float) -> None:
-    """Swept: each wall, checked at the measured TCP, 160 mm below the flange."""
-    world = moving(motion)
-    p = T_START.translation.copy()
-    p[axis] = to_m
-    world.place(pin.SE3(T_START.rotation, p))
-    assert_stopped(world, world.tick(), "HOLDING", f"TCP {'xyz'[axis]} = ")
-
-
-@each_motion
-def test_the_tether_holds_for_every_kind_of_motion(motion: str) -> None:
-    """The travel since arming is measured: a joint move has no end pose to check before."""
-    world = with_limits(tether_m=0.2).make_armed()
-    if motion == "operator":
-        assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
-    elif motion == "regulator":
-        world.propose(record_of(T_START))
-    world.tick()
-    world.place(pose_of(shifted(y_m=-0.1999)))
-    world.messages["target"] = STOPPED
-    assert world.tick().permission is not None
-    world.place(pose_of(shifted(y_m=-0.201)))
-    assert_stopped(world, world.tick(), "HOLDING", "201 mm away from the pose at arming")
-
-
-@pytest.mark.parametrize("motion", ["operator", "regulator"])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_tether_holds_a_tool_that_keeps_turning(motion: str, axis: int) -> None:
-    """The rotation since arming is measured: steps within the other limits end within one turn.
-
-    A tool that keeps turning tears its cables.
-    """
-    world = moving(motion)
-    limit_deg = np.degrees(Limits.of(CELL).tether_rad)
-    turned_deg = 0.0
-    while world.core.state in MAY_MOVE and turned_deg < 360.0:
-        turned_deg += 0.5
-        turn = np.radians(turned_deg) * np.eye(3)[axis]
-        world.place(pin.SE3(rotation_from_vector(turn) @ T_START.rotation, T_START.translation))
-        world.messages["target"] = STOPPED
-        world.tick()
-    assert turned_deg == pytest.approx(limit_deg, abs=0.6)
-    assert world.core.status().trips[0].code == "tether"
-
-
-@each_motion
 def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
     """It has a cause that the arbiter does not know; shortly after arming it may still hold."""
     world = moving(motion)
@@ -328,88 +189,121 @@ def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
     assert world.pass_s(1.0).permission is not None
 
 
-@pytest.mark.parametrize("motion", ["none", "operator"])
-def test_a_failed_regulator_stops_no_other_commander(motion: str) -> None:
-    """It did not command: the goal continues, the arm stays armed."""
-    world = moving(motion)
-    world.propose(None, valid=False, reason="wrench stale")
-    kind = {"none": "idle", "operator": "goal"}[motion]
-    assert {world.tick().kind for _ in range(10)} == {kind}
-
-
-def test_a_failed_regulator_holds() -> None:
-    """Invalid with a mode: it runs and cannot continue. Invalid without one: it was stopped."""
-    world = World().make_active("regulator")
-    world.change("target", valid=False, reason="wrench stale")
-    assert_stopped(world, world.tick(), "HOLDING", "the regulator gave up: wrench stale")
-
-    world = World().make_active("regulator")
-    world.messages["target"] = STOPPED
-    command = world.tick()
-    assert (command.kind, world.core.state) == ("idle", "ARMED")
-    assert command.permission is not None
-
-
 # --- motion that no command explains --------------------------------------------------------------
 
 
-def goes_on(world: World) -> None:
-    """Leave everything as it is."""
-
-
-def holds(world: World) -> None:
-    """Request a hold."""
-    world.core.hold("enough")
-
-
-def clears(world: World) -> None:
-    """Hold, then return to IDLE."""
-    world.core.hold("enough")
-    world.core.clear(world.inputs())
-
-
-def regulates(world: World) -> None:
-    """Let the regulator command the arm."""
-    world.activate("regulator")
-
-
-def locks(world: World) -> None:
-    """Hold, and switch TEACH LOCK on: a person may guide the arm."""
-    world.core.hold("enough")
-    world.change("robot", status=with_fault("robot_lock"))
-
-
-def restarts(world: World) -> None:
-    """Hold, and restart the robot's process when the arm is about to move."""
-    world.core.hold("enough")
-    world.pass_s(1.0)
-    world.epochs["robot"] = 2
-
-
 @pytest.mark.parametrize(
-    ("prepare", "is_found"),
-    [(goes_on, True), (holds, True), (clears, False), (regulates, False), (locks, False),
-     (restarts, False)],
+    ("before", "is_found"),
+    [("armed", True), ("held", True), ("cleared", False), ("regulated", False), ("locked", False),
+     ("restarted", False)],
 )  # fmt: skip
-def test_an_arm_that_moves_though_nothing_moves_it_is_a_fault(prepare, is_found: bool) -> None:
-    """In ARMED and HOLDING, by the reports alone: the robot's process does not notice."""
+def test_an_arm_that_moves_though_nothing_moves_it_is_a_fault(before: str, is_found: bool) -> None:
+    """By the reports alone; not where a commander, a person or another process moves it."""
     world = World().make_armed()
-    prepare(world)
-    if prepare is not restarts:
-        world.pass_s(1.0)
+    if before == "regulated":
+        world.activate("regulator")
+    elif before != "armed":
+        world.core.hold("enough")
+    if before == "cleared":
+        world.core.clear(world.inputs())
+    if before == "locked":
+        world.change("robot", status=with_fault("robot_lock"))
+    world.pass_s(1.0)
+    if before == "restarted":
+        world.epochs["robot"] = 2
     world.place(pose_of(shifted(x_m=0.004)))
     world.tick(4)
     assert ("unexplained_motion" in [trip.code for trip in world.core.trips]) == is_found
     assert (world.core.state == "FAULT") == is_found
 
 
-def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
-    """Its own monitor may see what no report shows."""
-    world = World().make_armed()
-    holds(world)
+# --- hold -----------------------------------------------------------------------------------------
+
+
+def test_hold_is_accepted_in_every_state() -> None:
+    """This includes states at rest; a hold never leads to a state that may move."""
+    world = World()
+    for prepare, state in (
+        (lambda: None, "BOOT"),
+        (world.make_ready, "HOLDING"),
+        (lambda: None, "HOLDING"),
+        (lambda: world.core.arm(world.inputs()), "HOLDING"),
+    ):
+        prepare()
+        assert world.core.hold("again").accepted
+        assert world.core.state == state
+    assert world.core.arm(world.inputs()).accepted
+    world.silent.add("robot")
     world.tick()
-    world.change("robot", hold=tripped("unexplained_motion", "3 mm"))
-    world.tick()
+    assert world.core.hold("again").accepted
     assert world.core.state == "FAULT"
+
+
+@pytest.mark.parametrize("letter", ["x", "ж", "\U0001f916"])
+def test_status_and_command_fit_for_any_length_of_reasons(letter: str) -> None:
+    """Status and command can always be sent: a text must not silence the arbiter."""
+    world = World().make_ready()
+    for name in list(world.messages):
+        world.change(name, valid=False, reason=letter * 370)
+    for _ in range(12):
+        world.core.hold(letter * 500)
+        command = world.tick()
+        assert len(encode(HEADER, command)) < MAX_BYTES / 2
+        assert len(encode(HEADER, world.core.status())) < MAX_BYTES
+    assert letter in world.core.status().trips[-1].text
+    assert world.core.status().not_ready
+
+
+# --- restarts ------------------------------------------------------------------------------------
+
+
+def test_a_new_arbiter_reports_that_another_one_commanded_before():
+    """After kill and restart the status names the restart until the next arming."""
+    world = World()
+    world.change(
+        "robot",
+        accepted=Accepted(epoch=7, seq=90, at_ns=1),
+        hold=tripped("robot_holds", "not armed"),
+    )
+    world.make_ready()
+    assert [trip.code for trip in world.core.status().trips] == ["writer"]
     world.change("robot", hold=None)
-    assert world.core.clear(world.inputs()).accepted
+    assert world.core.arm(world.inputs()).accepted
+    assert world.core.status().trips == ()
+
+
+def test_an_arbiter_that_continues_earlier_leases_is_no_restart():
+    """In a replay: the next lease and ownership number follow those of before."""
+    world = World()
+    world.core = Arbiter(world.cell, command_deadline_s=DEADLINE_S, numbers=(3, 8))
+    world.change("robot", accepted=Accepted(epoch=7, seq=90, at_ns=1, ownership=8))
+    status = world.make_ready().core.status()
+    assert (status.trips, status.lease, status.ownership) == ((), 3, 8)
+    assert world.core.arm(world.inputs()).accepted
+    status = world.core.status()
+    assert (status.lease, status.ownership) == (4, 9)
+
+
+def test_a_process_begins_without_a_lease():
+    """Only a replay gives other numbers."""
+    status = World().core.status()
+    assert (status.lease, status.ownership) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("hold", "code"),
+    [
+        (None, "robot_holds"),
+        (tripped("tracking", "HOLD on the pendant"), "tracking"),
+        (tripped("no_lease", "of another start"), "robot_holds"),
+    ],
+)
+def test_a_robot_with_another_challenge_has_ended_the_lease(hold: Trip | None, code: str):
+    """At once, while one that still holds has time to answer; the robot's own cause is named."""
+    world = World().make_ready()
+    assert world.core.arm(world.inputs()).accepted
+    world.change("robot", hold=hold)
+    assert world.tick().permission is not None
+    world.change("robot", challenge=1)
+    assert world.tick().permission is None
+    assert (world.core.state, world.core.status().trips[-1].code) == ("HOLDING", code)

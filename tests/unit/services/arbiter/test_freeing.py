@@ -13,9 +13,8 @@ from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
-from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
+from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
-from services.arbiter.freeing import Freeing
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
 
@@ -142,33 +141,6 @@ def test_without_a_usable_force_it_requires_a_confirmation_and_moves_5_mm_back()
     assert codes(world)[0] == "still_loaded"
 
 
-def test_it_leaves_a_fault_and_requires_a_robot() -> None:
-    """From FAULT and BOOT it is possible without a sensor, but never without the robot."""
-    world = World().make_armed()
-    world.silent.update({"sensor", "wrench"})
-    world.tick()
-    assert world.core.state == "FAULT"
-    world.pass_s(1.1)
-    assert back_off(world, confirmed=True).accepted
-    fresh = World()
-    fresh.silent.update({"sensor", "wrench"})
-    fresh.pass_s(1.1)
-    assert fresh.core.state == "BOOT"
-    fresh.silent.add("robot")
-    assert back_off(fresh, confirmed=True).accepted is False
-    fresh.silent.discard("robot")
-    fresh.pass_s(1.1)
-    assert back_off(fresh, confirmed=True).accepted
-
-
-def test_it_is_refused_for_a_free_arm_and_for_an_armed_arm() -> None:
-    """Neither has to be freed."""
-    world = World().make_ready()
-    assert back_off(world, confirmed=True).code == "already"
-    armed = World().make_armed()
-    assert back_off(armed).code == "state"
-
-
 def test_no_other_command_is_accepted_meanwhile() -> None:
     """No move, no force feedback, no other purpose; hold is accepted."""
     world = loaded()
@@ -180,33 +152,6 @@ def test_no_other_command_is_accepted_meanwhile() -> None:
     assert kinds <= {"idle", "goal"}
     assert world.core.hold("enough").accepted
     assert (world.tick().kind, codes(world)) == ("hold", ["hold"])
-
-
-def test_a_rising_force_ends_it() -> None:
-    """It ends at 3 N above the least force so far, also far below the ceiling."""
-    world = loaded((0.0, 0.0, 65.0))
-    assert back_off(world).accepted
-    world.tick(50)
-    for force, continues in ((50.0, True), (40.0, True), (42.9, True), (43.1, False)):
-        world.change("wrench", force_N=(0.0, 0.0, force))
-        assert (world.tick().permission is not None) == continues
-    assert codes(world) == ["force"]
-
-
-def test_a_full_travel_that_did_not_free_the_arm_is_reported() -> None:
-    """On a soft contact 20 mm remove 16 N; a second request continues."""
-    world = loaded()
-    for again in range(2):
-        assert back_off(world).accepted
-        for _ in range(2000):
-            command = world.tick()
-            if command.permission is None:
-                break
-            follow(world, command)
-            spring(world, 800.0, 75.0)
-        assert codes(world) == ["still_loaded"], again
-        assert "full travel used" in world.core.status().trips[0].text
-        world.pass_s(1.1)
 
 
 forces = st.lists(
@@ -249,6 +194,17 @@ def test_force_travel_speed_and_rotation_stay_bounded_for_any_wrench(
 # --- moves in contact -----------------------------------------------------------------------------
 
 
+def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:
+    """Before, this was refused with `speed`, and only the pendant could free the arm."""
+    slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})
+    world = loaded(cell=CELL.model_copy(update={"limits": slow}))
+    assert back_off(world).accepted
+    command = world.tick()
+    assert command.kind == "goal"
+    assert command.speed is not None
+    assert command.speed.mechanical_m_s * command.speed.modular_fraction == 0.5 * SPEED_M_S
+
+
 def test_a_move_stops_at_its_own_force_rise() -> None:
     """The limit is 20 N above the least force of the move, far below the ceiling of 60."""
     world = World().make_armed()
@@ -261,26 +217,3 @@ def test_a_move_stops_at_its_own_force_rise() -> None:
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
-
-
-def test_the_arbiters_own_goal_is_checked_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A goal beyond a limit is refused by its number, and the lease ends in a hold."""
-    monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
-    world = loaded()
-    reply = back_off(world)
-    assert (reply.accepted, reply.code) == (False, "speed")
-    assert (reply.value, reply.limit) == (2.0 * SPEED_M_S, SPEED_M_S)
-    for _ in range(20):
-        assert world.tick().kind == "hold"
-    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])
-
-
-def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:
-    """Before, this was refused with `speed`, and only the pendant could free the arm."""
-    slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})
-    world = loaded(cell=CELL.model_copy(update={"limits": slow}))
-    assert back_off(world).accepted
-    command = world.tick()
-    assert command.kind == "goal"
-    assert command.speed is not None
-    assert command.speed.mechanical_m_s * command.speed.modular_fraction == 0.5 * SPEED_M_S

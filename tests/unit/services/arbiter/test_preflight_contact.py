@@ -4,15 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from forcemesh.messages import Trip
+from forcemesh.messages import ArmPurpose, Trip
 from services.arbiter.preflight import contact_trips
 from tests.fakes.arbiter_world import World
-from tests.fakes.bench import DEMO
+from tests.fakes.bench import DEMO, cell_with
 from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 
 CELLS = sorted(DEMO.parent.glob("*.yaml"))
@@ -54,18 +52,6 @@ def test_the_stiffest_measured_contact_is_accepted_and_a_stiffer_one_refused(row
     assert world.core.arm(world.inputs(), "jog").accepted
 
 
-@given(st.floats(0.002, 0.5), st.floats(0.002, 0.5))
-def test_longer_segments_never_bear_more(one_s: float, other_s: float) -> None:
-    """Stiffness and rise of the force fall with the segment; beyond the last row nothing holds."""
-    shorter, longer = (segment_range(each) for each in sorted((one_s, other_s)))
-    if longer is None:
-        assert max(one_s, other_s) > LONGEST_S
-        return
-    assert shorter is not None
-    assert shorter.stiffest_N_m >= longer.stiffest_N_m
-    assert shorter.force_rate_N_s >= longer.force_rate_N_s
-
-
 def test_longer_segments_than_all_measured_ones_are_refused() -> None:
     """Whatever the contact is."""
     trip = trip_of(over_tcp(LONGEST_S + 0.001, robot__delay_s=0.01))
@@ -92,3 +78,21 @@ def test_a_packet_too_coarse_for_the_contact_is_refused_where_set_points_are_sen
     assert "gateway.position_per_mm" in trip.text
     there = over_tcp(gateway__position_per_mm=50, robot__hosts=["controller"], **coarse)
     assert list(contact_trips(there)) == []
+
+
+STIFF = {"contact__stiffness_N_m": 9e4, "force__approach_m_s": 0.001}
+
+
+@pytest.mark.parametrize(
+    ("changes", "purpose", "warns"),
+    [(STIFF, "all", True), (STIFF, "jog", False), ({}, "all", False)],
+)
+def test_arming_warns_with_the_number_and_is_not_refused(
+    changes: dict[str, float], purpose: ArmPurpose, warns: bool
+) -> None:
+    """Only arming for force; a cell within its limits has no remark."""
+    world = World(cell_with(**changes)).make_ready()
+    reply = world.core.arm(world.inputs(), purpose)
+    assert reply.accepted
+    assert ("; forecast: at 20 mm/s across a slope of 10 degrees" in reply.text) == warns
+    assert ("limits.force_N is 60 N" in reply.text) == warns

@@ -1,7 +1,5 @@
 """Arming for jog in a whole cell: moves are possible, force feedback is not."""
 
-import pytest
-
 from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -48,14 +46,3 @@ def test_after_a_lost_tare_in_contact_one_jogs_away_and_continues() -> None:
     assert lab.ask(topics.ARM, ArmRequest()).accepted
     lab.cell.advance(0.1)
     assert lab.ask(topics.FORCE_START, FORCE).accepted
-
-
-def test_a_braking_arm_is_not_armed_until_it_rests() -> None:
-    """The refusal has the present and the required time of rest; later it is armed."""
-    lab = Lab()
-    lab.lift()
-    assert lab.ask(topics.HOLD, HoldRequest(reason="wait")).accepted
-    reply = lab.ask(topics.ARM, ArmRequest())
-    assert (reply.code, reply.limit) == ("moving", pytest.approx(0.2))
-    lab.cell.advance(BRAKE_S + 0.2)
-    assert lab.ask(topics.ARM, ArmRequest()).accepted

@@ -1,27 +1,20 @@
 """The arbiter on the bus: the age of every input, replies to requests, and hold before all."""
 
-import msgpack
 import pytest
 
 from common.bus.memory_bus import MemoryCall
-from common.config.load import cell_hash
 from forcemesh import topics
 from forcemesh.bus import Origin
-from forcemesh.codec import Envelope, decode_record, encode_record, pack
+from forcemesh.codec import decode_record, encode_record, pack
+from forcemesh.faults import FAULTS
 from forcemesh.messages import (
     ArbiterState,
-    Health,
-    RegulatorTarget,
-    Speed,
-    WrenchAtTcp,
 )
-from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
-from forcemesh.version import __version__
-from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
+from forcemesh.requests import ArmRequest, Empty, HoldRequest, Reply
+from tests.fakes.arbiter_world import MOVE_DOWN, good_messages
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates, topic_of
-
-DEADLINE_S = CELL.deadlines.command_s
+from tests.fakes.provoked import IN_MOTION
 
 
 def test_the_arbiter_publishes_from_its_first_period(cell: Cellmates) -> None:
@@ -79,19 +72,6 @@ def test_a_change_of_state_is_published_at_once_and_else_at_the_status_rate(
     assert cell.newest(topics.ARBITER_STATUS).state == "HOLDING"
 
 
-def test_every_request_is_answered(cell: Cellmates) -> None:
-    """Each request is sent in a state in which it has an effect."""
-    cell.arm()
-    assert cell.ask(topics.SPEED, Speed(mechanical_m_s=0.1)).value == pytest.approx(0.1)
-    assert cell.ask(topics.MOVE, MOVE_DOWN).accepted
-    assert cell.published().kind == "goal"
-    assert cell.published().speed.mechanical_m_s == 0.1
-    assert cell.ask(topics.MOVE, MoveRequest(kind="joints")).code == "busy"
-    assert cell.ask(topics.HOLD, HoldRequest()).accepted
-    assert cell.ask(topics.CLEAR, Empty()).text == "cleared: the arbiter is IDLE"
-    assert cell.ask(topics.MOVE, MOVE_DOWN).code == "not_armed"
-
-
 def test_hold_takes_precedence_in_its_period(cell: Cellmates) -> None:
     """The arm is held after any arm, clear or move of the same period."""
     cell.arm()
@@ -107,37 +87,7 @@ def test_hold_takes_precedence_in_its_period(cell: Cellmates) -> None:
     assert "stop" in cell.published().reason
 
 
-def test_undecodable_requests_are_refused_and_stop_nothing(cell: Cellmates) -> None:
-    """Any client may send such bytes; the arbiter continues."""
-    cell.arm()
-    call = MemoryCall(b"\xc1 rubbish")
-    cell.transport.serve(f"{CELL.cell}/{topics.MOVE.key}").waiting.append(call)
-    cell.step()
-    assert call.reply is not None
-    assert b"malformed" in call.reply
-    assert cell.published().permission is not None
-
-
-UNREADABLE_HOLDS = {
-    "empty": b"",
-    "no MessagePack": b"\xc1",
-    "no map": b"\x93\x01\x02\x03",
-    "nested": b"\x91" * 3000,
-    "another schema version": pack({"v": 1, "topic": "request/hold"}),
-    "a version to come": pack({"v": 4, "reason": "stop"}),
-    "written for another cell": encode_record(
-        HoldRequest(), Envelope(topic=f"other/{topics.HOLD.key}")
-    ),
-    "written for another request": encode_record(
-        Empty(), Envelope(topic=f"{CELL.cell}/{topics.ARM.key}")
-    ),
-    "a reason of 5000 characters": msgpack.packb({"reason": "x" * 5000}),
-    "a reason of 501 characters": pack({"reason": "x" * 501}),
-    "a reason that is a number": pack({"reason": 7}),
-}
-
-
-@pytest.mark.parametrize("data", UNREADABLE_HOLDS.values(), ids=UNREADABLE_HOLDS.keys())
+@pytest.mark.parametrize("data", [b"", b"\xc1", pack({"v": 1, "topic": "request/hold"})])
 def test_a_hold_that_cannot_be_decoded_holds_first(cell: Cellmates, data: bytes) -> None:
     """The hold takes effect in that period; the reply has the error."""
     cell.arm()
@@ -172,27 +122,41 @@ def test_a_reply_is_sent_after_its_status(cell: Cellmates) -> None:
     assert states == ["ARMED", "HOLDING"]
 
 
-def test_a_regulators_poses_are_forwarded(cell: Cellmates) -> None:
-    """From target to command takes one period, under the lease of the arming."""
+# Faults that several messages are needed for.
+PERIODS = {"misaligned": 2, "bad_messages": 6}
+
+
+@pytest.mark.parametrize("code", IN_MOTION)
+def test_a_fault_is_reported_in_the_first_possible_period(cell: Cellmates, code: str) -> None:
+    """Swept: for each code of the list the permission ends, and the status is of this period."""
     cell.arm()
-    cell.messages["target"] = RegulatorTarget(mode="position", pose=shifted())
-    cell.step()
-    command = cell.published()
-    assert (command.kind, command.commander, command.pose) == ("setpoint", "regulator", shifted())
-    assert command.permission is not None
-    assert command.permission.deadline_s == DEADLINE_S
-    cell.messages["wrench"] = WrenchAtTcp(force_N=(0.0, 0.0, 61.0))
-    cell.step()
-    assert cell.published().permission is None
-    assert cell.newest(topics.ARBITER_STATUS).trips[0].code == "force"
+    IN_MOTION[code](cell)
+    for _ in range(PERIODS.get(code, 1)):
+        if code not in cell.codes():
+            cell.step()
+    status = cell.status.read(cell.clock.now_ns())
+    assert code in cell.codes()
+    assert status.age_s == 0.0
+    assert (cell.published().permission is None) == (code != "goal_refused")
+    (trip,) = [trip for trip in cell.last_status().trips if trip.code == code]
+    assert trip.rule == FAULTS[code].rule
+    assert trip.text
 
 
-def test_a_process_with_another_cell_file_is_reported(cell: Cellmates) -> None:
-    """Its health has the other hash; the arbiter's own one is reported with it."""
-    cell.messages["regulator/health"] = Health(config_hash="0123456789ab", version=__version__)
-    cell.pass_s(1.1)
-    reply = cell.ask(topics.ARM, Empty())
-    assert reply.code == "config"
-    assert (
-        f"regulator runs with another cell file (0123456789ab, here {cell_hash(CELL)}" in reply.text
-    )
+def test_many_requests_at_once_wait_their_turn(cell: Cellmates) -> None:
+    """Four of a kind are answered in each step, in the order they came."""
+    calls = [MemoryCall(encode_record(HoldRequest(reason=f"{number}"))) for number in range(6)]
+    cell.transport.serve(f"{CELL.cell}/{topics.HOLD.key}").waiting.extend(calls)
+    for answered in (4, 6):
+        cell.step()
+        assert [call.reply is not None for call in calls] == [n < answered for n in range(6)]
+
+
+def test_the_service_waits_at_the_source_of_the_target(
+    cell: Cellmates, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the time that is given."""
+    waits, reader = list[float](), cell.service.trigger
+    monkeypatch.setattr(type(reader._source), "wait", lambda source, s: waits.append(s))
+    reader.wait(0.25)
+    assert waits == [0.25]

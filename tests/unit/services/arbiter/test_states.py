@@ -1,12 +1,26 @@
-"""The arbiter's table of states: every pair of state and event, and forbidden transitions."""
+"""The arbiter's table of states: every pair of state and event; the texts of its status."""
 
 from itertools import product
 from typing import get_args
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from forcemesh.messages import MAY_MOVE, ArbiterState
-from services.arbiter.states import CLEARS, MEANS, TABLE, after
+from forcemesh.faults import FAULTS, clipped
+from forcemesh.messages import MAY_MOVE, ArbiterState, Trip
+from services.arbiter.states import (
+    ALONE,
+    CLEARS,
+    LINE_BYTES,
+    MORE,
+    MOST_LINES,
+    MOST_TRIPS,
+    after,
+    lines,
+    recent,
+    what_next,
+)
 
 STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)
 EVENTS = ("ready", "arm", "back_off", "take", "begin", "end", "soften", "hold", "fault", "clear")
@@ -53,53 +67,11 @@ def test_every_pair_of_state_and_event_has_its_next_state(state: ArbiterState, e
     assert after(state, event) == EXPECTED.get((state, event), state)
 
 
-def test_the_table_has_every_state_and_event_and_no_other() -> None:
-    """Each state has a row and a sentence on its remedy; each event is one of the ten."""
-    assert set(TABLE) == set(CLEARS) == set(MEANS) == set(STATES)
-    for row in TABLE.values():
-        assert set(row) <= set(EVENTS)
-        assert set(row.values()) <= set(STATES)
-
-
 @pytest.mark.parametrize(("state", "event"), list(product(AT_REST, EVENTS)))
 def test_only_arming_leads_to_motion(state: ArbiterState, event: str) -> None:
     """From every state at rest, every event but arming leads to a state at rest."""
     if event not in A_PERSONS:
         assert after(state, event) not in MAY_MOVE
-
-
-def test_fault_and_boot_cannot_be_armed() -> None:
-    """FAULT requires a clear first, BOOT requires the inputs first.
-
-    Backing off is possible without: its goal is the arbiter's own, and it ends in a latch.
-    """
-    assert after("FAULT", "arm") == "FAULT"
-    assert after("BOOT", "arm") == "BOOT"
-    assert [event for event in EVENTS if after("FAULT", event) != "FAULT"] == ["back_off", "clear"]
-
-
-@pytest.mark.parametrize("state", MAY_MOVE)
-def test_hold_and_fault_end_every_motion(state: ArbiterState) -> None:
-    """Hold and fault stop the arm in every state that may move, each with its own latch."""
-    assert after(state, "hold") == "HOLDING"
-    assert after(state, "fault") == "FAULT"
-
-
-@each_state
-def test_hold_never_leads_to_motion_or_out_of_a_latch(state: ArbiterState) -> None:
-    """A second hold is a hold; a fault does not become a hold."""
-    assert after(state, "hold") not in MAY_MOVE
-    assert after(after(state, "hold"), "hold") == after(state, "hold")
-
-
-@each_state
-def test_every_state_can_be_left_for_idle_or_motion(state: ArbiterState) -> None:
-    """There is no dead end: an operator gets the arm to move again from any state."""
-    reached = {state}
-    for _ in STATES:
-        reached |= {after(one, event) for one in reached for event in EVENTS}
-
-    assert {"IDLE", "ARMED", "ACTIVE"} <= reached
 
 
 @each_state
@@ -108,6 +80,60 @@ def test_a_state_at_rest_has_a_remedy(state: ArbiterState) -> None:
     assert bool(CLEARS[state]) == (state not in MAY_MOVE)
 
 
-def test_a_stop_in_progress_ends_in_the_latch() -> None:
-    """No event leads from STOPPING to motion: neither an owner's end nor a new request."""
-    assert {after("STOPPING", event) for event in EVENTS} == {"STOPPING", "HOLDING", "FAULT"}
+# --- texts ---------------------------------------------------------------------------------------
+
+texts = st.text(max_size=500)
+
+
+@given(texts, st.integers(0, 600))
+def test_a_text_is_cut_to_bytes_and_between_characters(text: str, most: int) -> None:
+    """The result is the longest beginning that fits; a shorter text is unchanged."""
+    short = clipped(text, most)
+
+    assert text.startswith(short)
+    assert len(short.encode()) <= most
+    if short != text:
+        assert len(text[: len(short) + 1].encode()) > most
+
+
+@given(st.lists(texts, max_size=20))
+def test_of_many_causes_the_first_and_the_newest_are_kept(causes: list[str]) -> None:
+    """The first is the cause, the last is the latest reaction."""
+    kept = recent(tuple(Trip(code=str(i), rule=i, text=text) for i, text in enumerate(causes)))
+
+    assert len(kept) == min(len(causes), MOST_TRIPS)
+    expected = [0, *range(len(causes))[1 - MOST_TRIPS :]] if len(causes) > MOST_TRIPS else (
+        range(len(causes))
+    )  # fmt: skip
+    assert [trip.code for trip in kept] == [str(i) for i in expected]
+
+
+@given(st.lists(texts, max_size=30))
+def test_of_many_lines_the_first_are_reported(many: list[str]) -> None:
+    """The rest is reported after these have been remedied. Long lines are cut."""
+    reported = lines(many)
+    assert len(reported) == min(len(many), MOST_LINES)
+    for line, text in zip(reported, many, strict=False):
+        assert len(line.encode()) <= LINE_BYTES
+        assert line == text or (len(text.encode()) > LINE_BYTES and line.endswith(MORE))
+        assert text.startswith(line.removesuffix(MORE))
+
+
+def test_a_line_is_cut_between_words() -> None:
+    """Half a number would be another number."""
+    (line,) = lines(["12345 " * 40])
+    assert set(line.removesuffix(MORE).split()) == {"12345"}
+
+
+def test_the_next_step_is_the_remedy_where_arming_would_be_refused() -> None:
+    """It is never `arm` while that is refused; a fault has its own remedy."""
+    why = [Trip(code="force", rule=408, text="90 N"), Trip(code="payload", rule=517, text="none")]
+    assert what_next("IDLE", []) == CLEARS["IDLE"]
+    refused: tuple[ArbiterState, ...] = ("IDLE", "HOLDING")
+    others: tuple[ArbiterState, ...] = ("FAULT", "ARMED")
+    for state in refused:
+        assert what_next(state, why) == f"{FAULTS['force'].remedy}; then arm"
+    for state in others:
+        assert what_next(state, why) == CLEARS[state]
+    assert what_next("ARMED", why, "jog") == ALONE["jog"]
+    assert what_next("HOLDING", [], "jog") == CLEARS["HOLDING"]

@@ -1,18 +1,33 @@
-"""Checks over several periods: each by itself, at its exact limits."""
+"""Monitors over several periods at their exact limits, and what they find on the bus."""
 
 import dataclasses
+from math import inf, nextafter
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 
+from common.config.load import load_cell
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
+from common.runtime.overruns import MOST_OVERRUNS, allowed_gap_s
+from forcemesh import topics
 from forcemesh.codec import Header
 from forcemesh.messages import RegulatorTarget
-from services.arbiter.inputs import Inputs
-from services.arbiter.watch import AlignmentWatch, FeedbackWatch, ResidualWatch, RestWatch
-from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, World, shifted
+from forcemesh.requests import Empty
+from services.arbiter.inputs import COMMANDING, Inputs
+from services.arbiter.watch import (
+    STREAMED,
+    AlignmentWatch,
+    FeedbackWatch,
+    ResidualWatch,
+    RestWatch,
+    delay_trip,
+)
+from tests.contract.rig import DEMO_CELL
+from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
+from tests.fakes.cellmates import TOPIC_OF, Cellmates, topic_of
+from tests.fakes.lab import Lab
 
 S = 1_000_000_000
 
@@ -44,14 +59,6 @@ def test_the_time_at_rest_counts_from_the_first_pose() -> None:
     assert updated(rest, world, 0.3) == 0.3
 
 
-def test_an_arm_whose_controller_reports_motion_does_not_rest() -> None:
-    """Its time begins with the last such report."""
-    world, rest = World(), RestWatch()
-    for moving, rest_s in ((False, 0.0), (False, 0.1), (True, 0.0), (True, 0.0), (False, 0.1)):
-        world.change("robot", status=FIT.replaced(moving=moving))
-        assert updated(rest, world, 0.1) == rest_s
-
-
 @pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
 def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
     """It counts from the first pose, so that a slow drift is found."""
@@ -77,16 +84,6 @@ def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool, sign: flo
     assert updated(rest, world, 0.5) == (0.5 if rests else 0.0)
 
 
-def test_rest_begins_with_the_first_valid_pose() -> None:
-    """Without a pose there is no rest, after any time; nor with a position that is no number."""
-    world, rest = World(), RestWatch()
-    assert updated(rest, world, 1.0) == 0.0
-    for x_m in (np.nan, np.inf):
-        world.change("robot", position_m=(x_m, 0.0, 0.0))
-        assert updated(rest, world, 1.0) == 0.0
-        assert updated(rest, world, 1.0) == 0.0
-
-
 # --- the arbiter's own loop -----------------------------------------------------------------------
 
 
@@ -103,21 +100,6 @@ def test_an_arbiter_that_stalled_for_more_than_a_second_reports_itself(
 
 
 # --- residual in free space -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("contact", "reported"), [("free", True), ("contact", False)])
-def test_only_contact_that_the_regulator_found_explains_a_force(
-    contact: Literal["free", "contact"], reported: bool
-) -> None:
-    """While force feedback approaches, a force is a residual in free space."""
-    world, residual = World(), ResidualWatch(2.0, 1.0)
-    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact=contact)
-    world.change("wrench", force_N=(0.0, 0.0, 5.0))
-    assert residual.update(world.inputs()) is None
-    advance(world, 0.5 - 1e-6)
-    assert residual.update(world.inputs()) is None
-    advance(world, 1e-6)
-    assert (residual.update(world.inputs()) is not None) == reported
 
 
 FULL_N, FULL_NM = 2.0, 1.0
@@ -207,21 +189,6 @@ def test_the_calibration_must_stay_only_while_force_feedback_runs(
     assert (None if trip is None else trip.code) == ("calibration" if reported else None)
 
 
-@pytest.mark.parametrize(
-    ("fault", "text"), [("another sensor", "another sensor"), ("", "the wrench is not calibrated")]
-)
-def test_a_wrench_without_calibration_ends_force_feedback_with_its_reason(
-    fault: str, text: str
-) -> None:
-    """This holds also without a reason."""
-    world = World()
-    world.propose(shifted())
-    world.change("wrench", calibrated=False, calibration_fault=fault)
-    trip = FeedbackWatch(CELL).update(world.inputs())
-    assert trip is not None
-    assert (trip.code, trip.text) == ("calibration", text)
-
-
 # --- pose and wrench ------------------------------------------------------------------------------
 
 
@@ -255,21 +222,6 @@ def test_the_second_misaligned_pair_is_reported_for_any_numbers(
             assert (trip.code, trip.limit) == ("misaligned", 0.0625)
             assert trip.value == pytest.approx(0.0625)
             assert trip.text.startswith(f"{older} is 63 ms older")
-
-
-@pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
-@pytest.mark.parametrize("since_ns", [0, 1, -1, S])
-def test_a_trip_has_the_age_of_the_checked_pair(sign: int, older: str, since_ns: int) -> None:
-    """A later message without a new one of the other topic makes no pair."""
-    watch = AlignmentWatch(0.0625)
-    watch.update(pair(1, 1, sign * S // 8))
-    trip = watch.update(pair(2, 2, sign * S // 8))
-    assert trip is not None
-    assert trip.text.startswith(f"{older} is 125 ms older")
-    assert trip.value == pytest.approx(0.125)
-    for robot_seq, wrench_seq in ((3, 2), (2, 3)):
-        assert watch.update(pair(robot_seq, wrench_seq, -sign * since_ns)) == trip
-    assert watch.update(pair(3, 3, 0)) is None
 
 
 @pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])
@@ -308,3 +260,172 @@ def test_two_periods_of_the_slower_topic_may_lie_between_pose_and_wrench(
         world.watch.update(updated)
         reported_codes = {trip.code for trip in updated.watched.faults}
     assert ("misaligned" in reported_codes) == reported
+
+
+# --- overruns (H08) -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("cause", "why"), [("", ""), ("others ran", ": others ran")])
+@pytest.mark.parametrize("role", COMMANDING)
+def test_a_loop_that_is_late_repeatedly_is_a_fault_with_its_name(
+    cell: Cellmates, role: str, cause: str, why: str
+) -> None:
+    """Three times in a second are allowed; once more ends motion, with the numbers."""
+    cell.arm()
+    cell.change(f"{role}/health", overruns=MOST_OVERRUNS, longest_gap_s=0.08)
+    cell.pass_s(1.0)
+    assert cell.last_status().state == "ARMED"
+    cell.change(f"{role}/health", overruns=MOST_OVERRUNS + 1, late_cause=cause)
+    cell.step()
+    (trip,) = cell.last_status().trips
+    assert (trip.code, trip.value, trip.limit) == ("overrun", 4.0, 3.0)
+    assert trip.text == f"{role} was late 4 times within a second, by 80 ms{why}"
+    cell.change(f"{role}/health", overruns=0)
+    cell.pass_s(1.1)
+    assert cell.last_status().state == "FAULT"
+
+
+def test_the_arbiter_detects_its_own_late_loop(cell: Cellmates) -> None:
+    """It counts its own steps: no other process can distinguish it from a slow network in time."""
+    cell.arm()
+    late_s = 1.1 * (allowed_gap_s(CELL, "arbiter") or 0.0)
+    for number in range(1, MOST_OVERRUNS + 2):
+        assert cell.last_status().state == "ARMED", number
+        cell.clock.sleep_s(late_s)
+        cell.step()
+    (trip,) = cell.last_status().trips
+    assert trip.code == "overrun"
+    assert trip.text.startswith("arbiter was late 4 times")
+
+
+# --- two writers (H11) ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [*TOPIC_OF, "hub/health", "regulator/health"])
+def test_a_second_writer_is_a_fault_within_two_periods(cell: Cellmates, name: str) -> None:
+    """Swept: each topic; reported in motion, and not cleared while both write."""
+    cell.arm()
+    cell.add_rival(name)
+    cell.step(2)
+    assert cell.codes()[0] == "two_writers"
+    assert cell.last_status().trips[0].text == f"two processes write {topic_of(name).key}"
+    assert cell.published().permission is None
+    assert cell.ask(topics.CLEAR, Empty()).code == "two_writers"
+
+
+# --- misaligned (H33) -----------------------------------------------------------------------------
+
+LIMIT_S = 2.0 / 3.0 * CELL.stale_after_s(topics.ROBOT_STATE)
+
+
+@pytest.mark.parametrize(("age_s", "is_fault"), [(LIMIT_S - 0.002, False), (LIMIT_S + 0.002, True)])
+def test_a_wrench_of_another_time_than_the_pose_is_a_fault(
+    cell: Cellmates, age_s: float, is_fault: bool
+) -> None:
+    """A delayed stream is fresh by its own stamp but not by its sample. Two pairs decide."""
+    cell.arm()
+    cell.sample_age_s = age_s
+    cell.step()
+    assert cell.last_status().state == "ARMED"
+    cell.step()
+    assert cell.last_status().state == ("FAULT" if is_fault else "ARMED")
+    if is_fault:
+        (trip,) = cell.last_status().trips
+        assert (trip.code, trip.limit) == ("misaligned", pytest.approx(LIMIT_S))
+        assert "wrench is 69 ms older" in trip.text
+
+
+def test_stamps_of_different_hosts_are_not_compared(cell: Cellmates) -> None:
+    """Their clocks are independent."""
+    cell.move_away("wrench")
+    cell.arm()
+    cell.sample_age_s = 1e4
+    cell.pass_s(1.0)
+    assert cell.last_status().state == "ARMED"
+
+
+ALLOWED_S = CELL.robot.delay_s + CELL.robot.lag_s
+DEMO_TCP = DEMO_CELL.with_name("demo-tcp.yaml")
+
+
+def measured(world: World, role: str = "robot", **numbers: float) -> World:
+    """Let a process report measured numbers."""
+    world.change(f"{role}/health", numbers=numbers)
+    return world
+
+
+def refusals(world: World) -> tuple[str, str]:
+    """Arm for all and, where that is refused, for jog; return both codes."""
+    reply = world.core.arm(world.inputs())
+    return reply.code, world.core.arm(world.inputs(), "jog").code
+
+
+@pytest.mark.parametrize(
+    ("role", "numbers", "code"),
+    [
+        ("robot", {}, "ok"),
+        ("robot", {"monitor_speed_fraction": 1.0}, "ok"),
+        ("robot", {"monitor_speed_fraction": 0.2}, "ok"),  # 50 mm/s: the speed of a press
+        ("robot", {"monitor_speed_fraction": 0.19}, "monitor_speed"),
+        ("robot", {"streamed_round_trip_p50_s": 0.99 * ALLOWED_S}, "ok"),
+        ("robot", {"streamed_round_trip_p50_s": 1.01 * ALLOWED_S}, "delay"),
+        ("robot", {"taken_round_trip_p50_s": 1.0}, "ok"),  # of a program that idled
+        ("wrench", {"tare_age_h": 7.9}, "ok"),
+        ("wrench", {"tare_age_h": 8.1}, "tare"),
+    ],
+)
+def test_the_preflight_compares_measured_values(role: str, numbers: dict, code: str) -> None:
+    """The check is for force feedback only: a jog is always possible."""
+    world = measured(World(), role, **numbers).make_ready()
+    for_all, for_jog = refusals(world)
+    assert for_all == code
+    assert for_jog in {"ok", "already"}
+    if code == "tare":
+        assert "8.1 h old" in " ".join(world.core.status().not_ready)
+
+
+@pytest.mark.parametrize("to", [0.5, 0.98, 0.0])
+def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
+    """Up or down: the status has both values."""
+    world = measured(World(), monitor_speed_fraction=1.0).make_active("regulator")
+    assert world.tick(50).permission is not None
+    measured(world, monitor_speed_fraction=to)
+    assert world.tick().permission is None
+    (trip,) = world.core.status().trips
+    assert (world.core.state, trip.code) == ("HOLDING", "monitor_speed")
+    assert f"became {100 * to:g} %, it was 100 %" in trip.text
+
+
+@pytest.mark.parametrize(("share", "continues"), [(1.4, True), (1.6, False)])
+def test_a_controller_that_becomes_late_while_pressing_holds(share: float, continues: bool) -> None:
+    """The limit is 1.5 times the value of the cell file."""
+    world = World().make_active("regulator")
+    measured(world, streamed_round_trip_p50_s=share * ALLOWED_S)
+    assert (world.tick(5).permission is not None) == continues
+    if not continues:
+        assert world.core.status().trips[0].code == "delay"
+
+
+@pytest.mark.parametrize("margin", [1.0, 1.5])
+def test_a_controller_may_be_as_late_as_the_margin_allows(margin: float) -> None:
+    """The limit itself is accepted; the next number is not."""
+    limit_s = margin * ALLOWED_S
+    assert delay_trip({STREAMED: limit_s}, CELL, margin) is None
+    trip = delay_trip({STREAMED: nextafter(limit_s, inf)}, CELL, margin)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("delay", limit_s)
+
+
+def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -> None:
+    """Gateway and shipped program: within a second the arm holds with the reason."""
+    lab = Lab(load_cell(DEMO_TCP))
+    numbers = lab.cell.client.reader(topics.HEALTH["robot"])
+    lab.approach()
+    lab.cell.advance(2.5)
+    assert lab.force_N > 10.0
+    measured_s = lab.now(numbers).numbers["streamed_round_trip_p50_s"]
+    assert 0.0 < measured_s < lab.cell.cell.robot.delay_s + lab.cell.cell.robot.lag_s
+    controller: Any = lab.cell.runners["sensor"].service
+    controller.machine.pendant.monitor_speed(30.0)
+    lab.seconds_until(lambda: lab.status.state == "HOLDING", 2.0)
+    assert [trip.code for trip in lab.status.trips] == ["monitor_speed"]

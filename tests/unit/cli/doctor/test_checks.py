@@ -13,7 +13,7 @@ from controller.packet_table import STATUS_SPAN, Scales, Status
 from forcemesh.bus import Reading
 from forcemesh.messages import Health, SensorWrench
 from services.gateway.packet_window import Spread
-from tests.fakes.robot_program import READY as RUNNING
+from tests.fuzz.permissive_arbiter import READY as RUNNING
 from tests.unit.cli.doctor.test_machine import CASES as MACHINE
 from tools.tree import ROOT
 

@@ -40,7 +40,7 @@ from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
 from tests.fakes.arms import unknown_arm
 from tests.fakes.bench import DEMO
-from tests.fakes.robot_program import READY as RUNNING
+from tests.fuzz.permissive_arbiter import READY as RUNNING
 
 CELLS = DEMO.parent
 TCP = load_cell(CELLS / "demo-tcp.yaml")

@@ -25,8 +25,11 @@ from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, new_run, write_run
 from launch.started_process import ProcessSpec
+from sim.controller.behaviour import Behaviour
+from sim.controller.network import SocketNetwork
 from tests.chaos.common_net import free_port
-from tests.fakes.controller import FakeController
+from tests.fakes.controller import RunningController
+from tests.fakes.controller_talk import TEXT
 from tools.tree import ROOT
 
 pytestmark = pytest.mark.realtime
@@ -56,6 +59,11 @@ def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     return make
 
 
+def served() -> RunningController:
+    """Return a controller with the shipped program, on a socket."""
+    return RunningController(TEXT, behaviour=Behaviour(), network=SocketNetwork(port=0))
+
+
 def run(path: Path) -> tuple[int, dict[str, str]]:
     """Run the verb; return its exit code and the result of each line."""
     result = CliRunner().invoke(app, ["doctor", "--json", "--cell", str(path)])
@@ -65,8 +73,8 @@ def run(path: Path) -> tuple[int, dict[str, str]]:
 
 
 def test_a_healthy_controller_is_exit_code_0(cell_file: Callable[..., Path]) -> None:
-    """The fake arm has the model's lengths: pose and joints agree."""
-    with FakeController(rate_hz=50.0) as controller:
+    """The emulated controller with the shipped program."""
+    with served() as controller:
         code, words = run(cell_file(controller.port))
     assert code == OK
     assert {check for check, word in words.items() if word == "SKIP"} == {
@@ -101,18 +109,18 @@ def test_while_the_cell_is_up_the_controller_is_not_contacted(
     cell_file: Callable[..., Path],
 ) -> None:
     """With the run file of a live supervisor there is no second client, even without a hub."""
-    with FakeController() as controller:
+    with served() as controller:
         path = cell_file(controller.port)
         write_run(new_run(load_cell(path), path))  # this test is the supervisor
         code, words = run(path)
         assert (code, words["bus"], "address" in words) == (NO_ANSWER, "FAIL", False)
-        assert controller.connections == 0
+        assert controller.machine.tcp.sockets == ()
 
 
 @pytest.mark.processes
 def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -> None:
     """Without a run file the publisher of robot/health reveals that the controller is in use."""
-    with FakeController() as controller, ExitStack() as stack:
+    with served() as controller, ExitStack() as stack:
         path = cell_file(controller.port)
         cell = load_cell(path)
         other = cell.model_copy(update={"cell": "other"})
@@ -134,7 +142,7 @@ def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -
         code, words = run(path)
         assert (code, words["address"], words["process robot"]) == (NOT_WELL, "SKIP", "PASS")
         assert (words["sender"], words["link"]) == ("SKIP", "FAIL")
-        assert controller.connections == 0
+        assert controller.machine.tcp.sockets == ()
 
 
 @contextmanager

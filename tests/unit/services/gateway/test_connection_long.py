@@ -1,23 +1,19 @@
 """Long connections: the IDs wrap many times without effect on the gateway."""
 
-import multiprocessing
-import socket
 from collections import deque
 
 import pytest
 
 from controller import packet_table
-from controller.packet import PACKET_CHARS, Packet, encode
-from controller.packet_table import ID_FIRST, ID_LAST, TABLE, Com, Scales, Status, pack_status
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, ID_LAST, TABLE, Com, Status, pack_status
 from forcemesh.messages import Gains, Goal
-from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import ControllerReport, follow, sent
-from services.gateway.link import Link, LinkSettings
-from services.gateway.packets import Pacing
-from tests.fakes.dialogues import GAINS, JOINTS, KEPT, MS, NONE, SCALES, SPEED, at, packets
+from tests.fakes.dialogues import GAINS, JOINTS, MS, NONE, SCALES, SPEED, at, packets
 
 PERIOD_NS = 4 * MS
+LATE_STEPS = 2
 SMALL_RING = 200  # the same arithmetic with a ring that is through in a moment
 RUNNING = Status.POSITION_FEEDBACK
 NO_STATUS = Status(0)
@@ -26,12 +22,11 @@ NO_STATUS = Status(0)
 class LockStep:
     """A dialogue and a controller that frames at once and takes a few steps later."""
 
-    def __init__(self, last_id: int, *, late_steps: int = 2, pacing: Pacing | None = None) -> None:
+    def __init__(self, last_id: int) -> None:
         """Exchange the hellos."""
-        self.dialogue = Dialogue(SCALES, pacing, last_id=last_id)
+        self.dialogue = Dialogue(SCALES, last_id=last_id)
         self.now_ns, self.sent = 0, 0
         self.status = NO_STATUS
-        self.late_steps = late_steps
         self._ring: deque[tuple[int, int]] = deque()  # ID, step in which it is taken
         self._step = 0
         data = self.dialogue.connected(0)
@@ -49,7 +44,7 @@ class LockStep:
             if packet.com == Com.HOLD:
                 self._ring.clear()
             elif packet.param in TABLE[Com(packet.com)].ring:
-                self._ring.append((packet.id, self._step + self.late_steps))
+                self._ring.append((packet.id, self._step + LATE_STEPS))
         self.sent += len(batch)
         return batch
 
@@ -161,75 +156,3 @@ def test_a_goal_is_not_taken_early_after_any_number_of_heartbeats() -> None:
             rig.now_ns += 40 * MS
             rig.step()
         finish_a_goal(rig)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-def test_a_connection_of_1200000_packets_equals_a_new_one() -> None:
-    """More than an hour at 250 Hz uses two and a half full rings."""
-    rig = LockStep(ID_LAST, late_steps=0)
-    stream_setpoints(rig, 600_000)
-    stream_wrenches(rig, 600_000)
-    assert rig.sent >= 1_200_000
-    rig.late_steps = 2
-    change_gains(rig)
-    finish_a_goal(rig)
-
-
-def answer_at_once(listener: socket.socket) -> None:
-    """Act as a controller on a socket: frame, take and report each packet at once."""
-    peer, _ = listener.accept()
-    peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    rest, counter, greeted = b"", 0, False
-    zeros = b" 000000 000000 000000 000000 000000 000000 "
-    while data := peer.recv(65_536):
-        rest += data
-        whole = len(rest) - len(rest) % PACKET_CHARS
-        if not whole:
-            continue
-        last, answer = rest[whole - PACKET_CHARS : whole], b""
-        if not greeted:
-            answer, greeted = rest[:PACKET_CHARS], True
-        counter += 1
-        param = b" %06d" % pack_status(counter, NO_STATUS)
-        answer += last[:7] + b"000101" + param + zeros
-        answer += last[:7] + b"000102" + param + zeros
-        rest = rest[whole:]
-        peer.sendall(answer)
-
-
-@pytest.mark.long
-@pytest.mark.realtime
-@pytest.mark.timeout(900)
-def test_a_socket_carries_600000_packets_on_one_connection() -> None:
-    """No reconnection occurs, and no packet stays in flight for long."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    process = multiprocessing.get_context("fork").Process(
-        target=answer_at_once, args=(listener,), daemon=True
-    )
-    process.start()
-    dialogue = Dialogue(Scales(), Pacing(max_unexecuted=2), last_id=ID_LAST)
-    link = Link(LinkSettings("127.0.0.1", listener.getsockname()[1]))
-    connection = ControllerConnection(link, dialogue, KEPT, stale_after_s=60.0)
-    try:
-        carried = carry(connection, dialogue, 600_000)
-    finally:
-        link.close("the test is over", 0)
-        process.join(10)
-        listener.close()
-    assert carried >= 600_000
-    assert (link.connections, connection.errors, link.last_fault) == (1, 0, "the test is over")
-
-
-def carry(connection: ControllerConnection, dialogue: Dialogue, count: int) -> int:
-    """Stream until so many packets were sent; time advances only after an answer."""
-    now_ns, first = 0, dialogue.window.last
-    while dialogue.window.last - first < count:
-        if connection.poll(now_ns):
-            now_ns += PERIOD_NS
-        if dialogue.ready:
-            if not dialogue.window.unexecuted:
-                dialogue.offer_setpoint(at(dialogue.window.last % 100))
-            connection.send(dialogue.tick(now_ns, permitted=True), now_ns)
-            assert dialogue.window.unexecuted <= 2
-    return dialogue.window.last - first

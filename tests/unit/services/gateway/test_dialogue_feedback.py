@@ -1,10 +1,13 @@
-"""Force feedback in the dialogue: order of the start, refusals meanwhile, and the end."""
+"""Force feedback in the dialogue: refusals meanwhile, and the newest of each value."""
+
+from collections.abc import Callable
 
 import pytest
 
 from controller.packet_table import Com, Status
 from forcemesh.errors import LocalProtocolError
 from forcemesh.messages import Gains
+from services.gateway.dialogue import Dialogue
 from tests.fakes.dialogues import (
     GAINS,
     JOINTS,
@@ -21,12 +24,12 @@ from tests.fakes.dialogues import (
 )
 
 
-def test_gains_go_before_the_start_of_feedback() -> None:
-    """Both packets 6 precede 7: the controller never runs on another client's gains."""
-    starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
-    for mode, start in starts.items():
-        data = greeted().start_feedback(mode, GAINS, permitted=True, now_ns=0)  # type: ignore[arg-type]
-        assert coms(data) == [(6, 0), (6, 1), *start]
+def gains_of(share: float) -> Gains:
+    """Return the dialogue's gains with another proportional part."""
+    return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)
+
+
+MORE = gains_of(2.0)
 
 
 def test_feedback_does_not_start_without_permission() -> None:
@@ -54,26 +57,6 @@ def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
             with pytest.raises(LocalProtocolError, match="feedback"):
                 refused(dialogue)
         assert last_id(dialogue) == before
-
-
-def test_motion_waits_until_the_controller_reports_the_end_of_feedback() -> None:
-    """A sent stop is not yet an executed stop."""
-    dialogue = in_feedback()
-    assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
-    with pytest.raises(LocalProtocolError, match="feedback"):
-        dialogue.move_to_pose(at(1), SPEED, 0)
-    dialogue.feed(pose_report(last_id(dialogue)), 0)
-    assert not dialogue.feedback_active
-    assert dialogue.move_to_pose(at(1), SPEED, 0)
-
-
-def test_feedback_that_the_controller_ended_by_itself_is_detected() -> None:
-    """The controller's watchdog or limits may end it; then it is no longer requested either."""
-    dialogue = in_feedback()
-    dialogue.feed(pose_report(last_id(dialogue), Status.HELD), 0)
-    assert not dialogue.feedback_active
-    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
-        dialogue.offer_wrench((0.0, 0.0, 0.0), NONE, NONE)
 
 
 def test_feedback_that_runs_at_connection_blocks_motion_too() -> None:
@@ -124,20 +107,6 @@ def test_a_set_point_whose_wrench_was_not_sent_is_sent_with_the_next() -> None:
     assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
 
 
-def test_a_wrench_for_a_display_is_sent_while_no_feedback_runs() -> None:
-    """Command 4 alone, without a set point; refused while force feedback would use it."""
-    dialogue = greeted()
-    dialogue.show_wrench((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
-    (sent,) = packets(dialogue.tick(0, permitted=True))
-    assert (sent.com, sent.vec) == (4, (100, 200, 300, 100, 200, 300))
-    assert dialogue.tick(0, permitted=True) == b""
-    dialogue.show_wrench((9.0, 0.0, 0.0), NONE)
-    assert dialogue.tick(0, permitted=False) == b""
-    assert dialogue.tick(0, permitted=True) == b""
-    with pytest.raises(LocalProtocolError, match="feedback"):
-        in_feedback().show_wrench((1.0, 0.0, 0.0), NONE)
-
-
 def test_the_centre_of_rotation_is_updated_one_at_a_time() -> None:
     """Command 11 goes to running feedback, the newest when the one before has been taken."""
     dialogue = in_feedback()
@@ -152,12 +121,15 @@ def test_the_centre_of_rotation_is_updated_one_at_a_time() -> None:
     assert (last.com, last.vec[0]) == (11, 200)
 
 
-def test_no_centre_without_feedback_or_permission() -> None:
-    """A centre is sent to running and permitted force feedback only."""
-    with pytest.raises(LocalProtocolError, match="no force feedback"):
-        greeted().offer_centre(at(1))
+@pytest.mark.parametrize("offer", [lambda d: d.offer_centre(at(1)), lambda d: d.offer_gains(MORE)])
+def test_centre_and_gains_require_force_feedback_that_runs_and_is_permitted(
+    offer: Callable[[Dialogue], None],
+) -> None:
+    """Without feedback they are refused; without permission they are dropped."""
+    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
+        offer(greeted())
     dialogue = in_feedback()
-    dialogue.offer_centre(at(1))
+    offer(dialogue)
     assert dialogue.tick(0, permitted=False) == b""
     assert dialogue.tick(0, permitted=True) == b""
 
@@ -180,16 +152,6 @@ def test_gains_that_change_faster_than_they_are_taken_do_not_queue_up() -> None:
     assert dialogue.tick(0, permitted=True) == b""
 
 
-def test_gains_require_force_feedback_that_runs_and_is_permitted() -> None:
-    """Without feedback they are refused; without permission they are dropped."""
-    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
-        greeted().offer_gains(GAINS)
-    dialogue = in_feedback()
-    dialogue.offer_gains(gains_of(2.0))
-    assert dialogue.tick(0, permitted=False) == b""
-    assert dialogue.tick(0, permitted=True) == b""
-
-
 def test_gains_do_not_wait_behind_a_moving_centre() -> None:
     """A rolling contact changes the centre at every sample; a gain reduction is still sent."""
     dialogue = in_feedback()
@@ -200,8 +162,3 @@ def test_gains_do_not_wait_behind_a_moving_centre() -> None:
         sent += packets(dialogue.tick(0, permitted=True))
         dialogue.feed(pose_report(sent[-1].id, Status.POSITION_FEEDBACK), 0)
     assert [packet.com for packet in sent] == [6, 11, 11]
-
-
-def gains_of(share: float) -> Gains:
-    """Return the dialogue's gains with another proportional part."""
-    return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)

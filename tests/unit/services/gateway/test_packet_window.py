@@ -6,14 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.packet_table import COMMANDS, NO_ID, Com, FeedbackSwitch
 from forcemesh.clock import NS_PER_S
 from services.gateway.packet_window import (
     DROP_AFTER_S,
     MOST_IN_FLIGHT,
     MOST_TIMES,
-    NONE_YET,
-    PacketWindow,
     Rate,
     RoundTrips,
     WrappingCounterRate,
@@ -73,29 +70,6 @@ def test_an_echo_confirms_all_packets_before_it(
     assert len(trips._times) == count
 
 
-@given(firsts)
-def test_no_time_is_known_before_an_echo(first: int) -> None:
-    """Numbers of unsent or earlier packets give no time."""
-    trips, (before, id_) = RoundTrips(), consecutive(first, 2)
-    assert trips.spread(0) is None
-    trips.sent(id_, 0)
-    for no_echo in (NONE_YET, before):
-        trips.reached(no_echo, MS)
-        assert (trips.spread(MS), trips.last_s) == (None, None)
-
-
-def test_voided_packets_are_not_awaited() -> None:
-    """The time until a later echo would be no round trip."""
-    trips = RoundTrips()
-    trips.sent(1, 0)
-    trips.in_flight.clear()
-    trips.sent(2, 10 * MS)
-    trips.reached(2, 13 * MS)
-    spread = trips.spread(13 * MS)
-    assert spread is not None
-    assert spread.p99_s == pytest.approx(0.003)
-
-
 def test_old_times_are_dropped() -> None:
     """Times from a minute ago do not count."""
     trips = RoundTrips()
@@ -117,26 +91,6 @@ def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
         trips.sent(id_, 0)
         trips.reached(id_, 0)
     assert len(trips.in_flight) + len(trips._times) <= MOST_IN_FLIGHT + MOST_TIMES
-
-
-@pytest.mark.parametrize("com", sorted(COMMANDS))
-def test_each_command_has_its_echo(com: Com) -> None:
-    """The receiver frames all packets; the robot program takes those of the ring."""
-    window = PacketWindow(NO_ID)
-    window.sent(com, 0, 0, streamed=False)
-    for trips in (window.receipts, window.executions):
-        trips.reached(window.last, MS)
-    assert window.receipts.last_s == pytest.approx(0.001)
-    at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT, Com.SIGNAL}
-    assert (window.executions.last_s is None) == (com in at_once)
-
-
-def test_the_stop_of_force_feedback_is_framed_only() -> None:
-    """Command 7 with Param 2 does not enter the ring."""
-    window = PacketWindow(NO_ID)
-    window.sent(Com.FEEDBACK, FeedbackSwitch.STOP, 0, streamed=False)
-    window.executions.reached(window.last, MS)
-    assert window.executions.last_s is None
 
 
 def test_a_dialogue_times_both_echoes_of_its_packets() -> None:

@@ -103,11 +103,6 @@ def test_force_feedback_runs_at_its_own_speed_and_a_motion_at_the_commanded_one(
     goal = made.translated(packet(Com.MOVE_JOINTS))
     assert goal == (*fast, Command(Com.MOVE_JOINTS))
     assert made.translated(packet(Com.MOVE_JOINTS)) == (Command(Com.MOVE_JOINTS),)
-
-
-def test_a_speed_commanded_after_force_feedback_is_not_repeated() -> None:
-    """It is the one that holds."""
-    made = commands()
     made.translated(packet(Com.FEEDBACK, 0))
     made.translated(packet(Com.SPEEDS, 0, FAST))
     assert made.translated(packet(Com.MOVE_JOINTS)) == (Command(Com.MOVE_JOINTS),)

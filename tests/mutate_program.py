@@ -25,7 +25,7 @@ TESTS = Path(__file__).resolve().parent / "unit" / "controller"
 ORDER = {
     "feedback": "step seed", "commands": "take turn release angle jpace", "numbers": "send",
     "segments": "fresh ready gone pace", "limits": "judge", "signals": "signal",
-    "messages": "recv hello", "watchdog": "watch halt", "faults": "tick frames", "centre": "",
+    "messages": "recv hello", "watchdog": "watch halt", "faults": "tick frames",
     "life": "begin end.pc leave restore back main",
 }  # fmt: skip
 FILES = {name: TESTS / f"test_forcemesh_as_{name}.py" for name in ORDER}

@@ -156,19 +156,6 @@ def test_stage_c_needs_a_variable_on_the_controller() -> None:
     assert [link.command("go").get("go") for _ in range(2)] == [1.0, 0.0]
 
 
-def test_the_end_of_the_connection_ends_stage_c() -> None:
-    """A command of the next connection moves nothing."""
-    controller = ProbedController(Behaviour(step_s=5e-4))
-    link = controller.link()
-    controller.permit_motion()
-    assert link.command("go").get("go") == 1.0
-    link.close()
-    link.reopen()
-    motions = controller.machine.hardware.motions
-    assert not link.command("line 5 10 100 0.01").numbers
-    assert controller.machine.hardware.motions == motions
-
-
 def test_an_arm_that_a_person_has_moved_is_not_moved_back() -> None:
     """20 mm from the start, stage c is over."""
     controller = ProbedController(Behaviour(step_s=5e-4))
@@ -199,20 +186,6 @@ def test_an_e1117_that_one_does_not_catch_is_reset_by_the_guard() -> None:
     found = file_of(probed(controller)).behaviour
     assert "stopped  -31117" in controller.printed
     assert found["least_segment_s"] == pytest.approx(0.07, rel=0.1)
-
-
-def test_a_line_that_gives_another_value_is_named() -> None:
-    """On the terminal and in the file."""
-    text = TEXT.replace("ROUND(-5.662)", "-5").replace('$MID("abcdef",3,2)', '"xx"')
-    controller = ProbedController(Behaviour(step_s=5e-4), text=text)
-    found = Found()
-    stage_a(controller.link(), found)
-    differing = file_of(found).differing
-    assert {name: line.found for name, line in differing.items()} == {
-        "line.round": "-5", "text.mid": "xx"
-    }  # fmt: skip
-    assert controller.printed.count("the next line differs") == 2
-    assert "differ  2" in controller.printed
 
 
 def test_without_tcp_the_results_are_on_the_terminal_and_the_program_ends() -> None:

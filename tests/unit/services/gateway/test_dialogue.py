@@ -13,7 +13,6 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from forcemesh.messages import Speed
 from services.gateway.dialogue import Dialogue
-from services.gateway.packet_window import NONE_YET
 from services.gateway.packets import (
     HelloReceived,
     Pacing,
@@ -178,20 +177,6 @@ def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
     dialogue.feed(pose_report(last_id(dialogue)), 0)
     assert dialogue.is_set_up
     assert coms(dialogue.hold(0)) == [(8, 0)]
-
-
-def test_ids_of_an_earlier_connection_do_not_count_as_taken() -> None:
-    """A controller that still reports an old ID has taken none of the new packets."""
-    dialogue = greeted(last_id=ID_FIRST + 500)
-    dialogue.offer_setpoint(at(1))
-    (packet,) = packets(dialogue.tick(0, permitted=True))
-    for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
-        dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.window.unexecuted, dialogue.window.taken) == (1, NONE_YET)
-    dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
-    assert dialogue.window.unexecuted == 1
-    dialogue.feed(pose_report(packet.id), 0)
-    assert (dialogue.window.unexecuted, dialogue.window.taken) == (0, dialogue.window.last)
 
 
 def test_a_new_connection_keeps_nothing_of_the_old_one() -> None:

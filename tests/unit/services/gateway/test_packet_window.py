@@ -1,19 +1,26 @@
-"""Round trips and rates: measured values, their age, and bounded memory."""
+"""Packets in flight: numbers and IDs that wrap, round trips, rates, and bounded memory."""
 
+import random
+from collections import deque
 from fractions import Fraction
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controller import packet_table
+from controller.packet_table import ID_FIRST, Com
 from forcemesh.clock import NS_PER_S
 from services.gateway.packet_window import (
     DROP_AFTER_S,
     MOST_IN_FLIGHT,
     MOST_TIMES,
+    NONE_YET,
+    PacketWindow,
     Rate,
     RoundTrips,
     WrappingCounterRate,
+    id_of,
 )
 from tests.fakes.dialogues import (
     MS,
@@ -27,6 +34,7 @@ from tests.fakes.dialogues import (
     pose_report,
 )
 
+RING = 200  # of IDs in these tests: the same arithmetic, through in a moment
 delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
 firsts = st.integers(0, 3_000_000)
 
@@ -171,3 +179,72 @@ def test_a_wrapping_counter_is_followed(start: int, steps: list[int]) -> None:
         turns.read(value, k * 100 * MS)
     now_ns = (len(steps) - 1) * 100 * MS
     assert turns.hz(now_ns) == pytest.approx(sum(steps[1:]) / (now_ns / NS_PER_S))
+
+
+@pytest.fixture
+def _small_ring(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packet_table, "ID_COUNT", RING)
+
+
+def begun(start: int = 0) -> PacketWindow:
+    """Return the window of a connection whose hello has been echoed."""
+    window = PacketWindow(ID_FIRST + start)
+    window.begin()
+    window.sent(Com.HELLO, 0, 0, streamed=False)
+    window.framed_up_to(id_of(window.last), 0)
+    window.taken_up_to(id_of(window.last), 0)
+    return window
+
+
+@pytest.mark.usefixtures("_small_ring")
+@pytest.mark.parametrize("start", [0, 1, 99, 100, 198, 199])
+def test_ids_wrap_many_times_without_effect(start: int) -> None:
+    """A dozen rings of set points and wrenches; each echo denotes the packet that was sent."""
+    rng, window, pending = random.Random(start), begun(start), deque[int]()
+    framed = taken = window.last
+    while window.last < 12 * RING:
+        is_set_point = rng.random() < 0.5 and window.last - taken < RING - 1
+        if window.last - framed < RING - 1:
+            com = Com.SET_POINT if is_set_point else Com.WRENCH
+            window.sent(com, 0, 0, streamed=is_set_point)
+            pending += [window.last] * is_set_point
+        if rng.random() < 0.5:
+            framed = rng.randint(framed, window.last)
+            window.framed_up_to(id_of(framed), 0)
+            assert window.number_of(id_of(framed)) == framed
+        if pending and pending[0] <= framed and rng.random() < 0.7:
+            taken = pending.popleft()
+        window.taken_up_to(id_of(taken), 0)
+        assert (window.framed, window.taken) == (framed, taken)
+        assert window.unacknowledged == window.last - framed
+        assert window.unexecuted == len(pending)
+
+
+@pytest.mark.usefixtures("_small_ring")
+@pytest.mark.parametrize("beats", range(0, 2 * RING + 50, 23))
+def test_a_packet_is_not_executed_early_after_any_number_of_heartbeats(beats: int) -> None:
+    """The last one executed may be more than a ring of packets old."""
+    window = begun()
+    taken = id_of(window.last)
+    for _ in range(beats):
+        window.sent(Com.HEARTBEAT, 0, 0, streamed=False)
+        window.framed_up_to(id_of(window.last), 0)
+        window.taken_up_to(taken, 0)
+    window.sent(Com.SET_POINT, 0, 0, streamed=True)
+    window.taken_up_to(taken, 0)
+    assert window.unexecuted == 1
+    window.taken_up_to(id_of(window.last), 0)
+    assert (window.unexecuted, window.taken) == (0, window.last)
+
+
+def test_ids_of_an_earlier_connection_do_not_count() -> None:
+    """A controller that still reports an old ID has executed none of the new packets."""
+    window = begun(500)
+    window.begin()
+    window.sent(Com.HELLO, 0, 0, streamed=False)
+    window.sent(Com.SET_POINT, 0, 0, streamed=True)
+    for stale in (window.last - 3, window.last - 2, window.last + 1):
+        window.taken_up_to(id_of(stale), 0)
+        assert (window.unexecuted, window.taken) == (1, NONE_YET)
+    window.taken_up_to(id_of(window.last - 1), 0)  # the hello itself
+    assert window.unexecuted == 1

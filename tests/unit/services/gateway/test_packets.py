@@ -220,21 +220,10 @@ def scale_ends(name: str) -> tuple[int, int]:
 def test_every_scale_has_its_ends_here() -> None:
     """A new scale needs a row."""
     assert {name: scale_ends(name) for name in Scales.model_fields} == SCALE_ENDS
-
-
-@pytest.mark.parametrize("name", SCALE_ENDS)
-def test_scales_are_range_checked_at_both_ends(name: str) -> None:
-    """Both bounds of every scale bind, and a hello with another value is refused."""
-    low, high = SCALE_ENDS[name]
-    for value in (low, high):
-        requested = Scales(**{name: value})
-        hello = packets.hello(requested, 1).packet(ID_FIRST)
-        assert packets.parse_hello(hello, requested, 1) == packets.HelloReceived()
-        with pytest.raises(RemoteProtocolError, match=name):
-            packets.parse_hello(hello, SCALES, 1)
-    for value in (low - 1, high + 1):
-        with pytest.raises(ValidationError, match=name):
-            Scales(**{name: value})
+    for name, (low, high) in SCALE_ENDS.items():
+        for value in (low - 1, high + 1):
+            with pytest.raises(ValidationError, match=name):
+                Scales(**{name: value})
 
 
 def test_the_controllers_hello_must_agree() -> None:

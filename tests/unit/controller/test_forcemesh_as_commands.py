@@ -1,7 +1,6 @@
 """The program that ships, executed: motions, speeds, settings, and refusals."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from common.motion.frames import rotation_between
@@ -44,20 +43,6 @@ def joints_deg(talk: Talk) -> np.ndarray:
     return np.degrees(talk.robot.q)
 
 
-def oat(o: float, a: float, t: float) -> np.ndarray:
-    """The rotation that O, A, T in degrees mean: about z, then the new y, then the new z."""
-    z, y, z2 = (np.radians(angle) for angle in (o, a, t))
-    return np.asarray(
-        pin.utils.rotate("z", z) @ pin.utils.rotate("y", y) @ pin.utils.rotate("z", z2)
-    )
-
-
-def place_vec(position_mm: np.ndarray, o: float, a: float, t: float) -> VecInt:
-    """A pose in packet units, with O, A, T as they are."""
-    x, y, z = (round(float(p) * SCALES[0]) for p in position_mm)
-    return (x, y, z, round(o * SCALES[1]), round(a * SCALES[1]), round(t * SCALES[1]))
-
-
 # --- command 1 ------------------------------------------------------------------------------------
 
 
@@ -77,29 +62,6 @@ def test_a_pose_is_reached_on_a_straight_line() -> None:
     assert np.allclose(talk.T_mm.translation - start.translation, travel, atol=0.05)
     assert max(off) < 0.1
     assert np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)) < 1e-3
-
-
-@pytest.mark.parametrize(
-    "angles",
-    [
-        (0, 180, 30),
-        (0, 180, -30),
-        (40, 180, 10),
-        (-170, 180, 170),
-        (30, 165, 20),
-        (-120, 170, -100),
-    ],
-)
-def test_any_o_and_t_of_a_tool_that_points_down_make_the_rotation_that_they_mean(
-    angles: tuple[float, float, float],
-) -> None:
-    """At A = 180 only T - O counts; near it each of the three does."""
-    talk = ready()
-    position = talk.T_mm.translation + np.array([0.0, 0.0, 20.0])
-    go(talk, Com.MOVE_POSE, place_vec(position, *angles))
-    assert not talk.status & Status.TARGET_REFUSED
-    assert np.allclose(talk.T_mm.translation, position, atol=0.05)
-    assert np.linalg.norm(rotation_between(talk.T_mm.rotation, oat(*angles))) < 2e-4
 
 
 # --- commands 2 and 3 -----------------------------------------------------------------------------

@@ -108,18 +108,27 @@ def test_quit_ends_all_and_puts_tool_base_and_cp_back(behaviour: Behaviour) -> N
     assert still(talk)
 
 
-@pytest.mark.parametrize("times", [1, 3])
-def test_execute_after_aborts_works_and_keeps_the_frames_of_before(
-    times: int, behaviour: Behaviour
-) -> None:
-    """An aborted run leaves TOOL and BASE null: these values are not kept."""
+def aborted(behaviour: Behaviour) -> Talk:
+    """A controller whose fm.main a person has aborted in a motion: TOOL and BASE are null."""
     talk = moving(Talk(behaviour, prepare=users_frames))
-    for _ in range(times):
+    talk.pendant.abort()
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert not are_the_users(talk.machine)
+    talk.live(0.3)
+    return talk
+
+
+def test_execute_after_aborts_works_and_keeps_the_frames_of_before(behaviour: Behaviour) -> None:
+    """An aborted run leaves TOOL and BASE null: these values are not kept."""
+    talk = aborted(behaviour)
+    for _ in range(2):
+        talk.pendant.execute("fm.main")
+        talk.live(2.5)
         talk.pendant.abort()
         talk.wait(lambda: talk.machine.robot_task.state == "idle")
         talk.live(0.3)
-        talk.pendant.execute("fm.main")
-        talk.live(2.5)
+    talk.pendant.execute("fm.main")
+    talk.live(2.5)
     talk.closed = True
     talk.hello()
     z = talk.height_mm()
@@ -134,10 +143,7 @@ def test_restore_puts_the_frames_back_after_an_abort_and_does_nothing_twice(
     behaviour: Behaviour,
 ) -> None:
     """EXECUTE fm.restore, by a person; then another TOOL is theirs to choose."""
-    talk = moving(Talk(behaviour, prepare=users_frames), 20.0)
-    talk.pendant.abort()
-    talk.wait(lambda: talk.machine.robot_task.state == "idle")
-    assert not are_the_users(talk.machine)
+    talk = aborted(behaviour)
     talk.pendant.execute("fm.restore")
     talk.wait(lambda: talk.machine.robot_task.state == "idle")
     assert are_the_users(talk.machine)

@@ -17,7 +17,6 @@ from controller.packet import (
 )
 from controller.packet_table import (
     COMMANDS,
-    GAIN_I,
     GAIN_P,
     ID_FIRST,
     ID_LAST,
@@ -298,26 +297,6 @@ def test_ids_go_round_at_999999() -> None:
         talk.do(Com.SPEEDS, 0, SPEEDS)
         assert talk.framed == talk.taken == talk.id == expected
     assert not talk.closed
-
-
-@settings(max_examples=15)
-@given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
-def test_the_division_of_the_stream_makes_no_difference(
-    cuts: list[int], data: st.DataObject
-) -> None:
-    """Bytes come in any pieces, hello too; every packet is framed once, in order."""
-    talk = Talk()
-    talk.dial()
-    stream = HELLO + b"".join(
-        encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)
-    )
-    while stream:
-        size = data.draw(st.sampled_from(cuts))
-        talk.write(stream[:size])
-        stream = stream[size:]
-        talk.live(data.draw(st.sampled_from([0.0, 0.001, 0.02])))
-    talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
-    assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)
 
 
 # --- the ring -------------------------------------------------------------------------------------

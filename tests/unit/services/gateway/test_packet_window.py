@@ -149,17 +149,6 @@ def test_a_steady_rate_is_found_to_one_event(rate_hz: float, duration_s: float) 
     assert len(rate._marks) <= 40
 
 
-@given(st.lists(st.integers(0, 50 * MS), min_size=1, max_size=15))
-def test_a_rate_is_unknown_before_one_second_of_measurement(gaps_ns: list[int]) -> None:
-    """Before that there is no value, neither zero nor infinity."""
-    rate, now_ns = Rate(), 0
-    assert rate.hz(0) is None
-    for gap_ns in gaps_ns:
-        now_ns += gap_ns
-        rate.count(1, now_ns)
-        assert rate.hz(now_ns) is None
-
-
 def test_a_change_of_rate_shows_within_the_window() -> None:
     """Half a minute of 100/s does not hide the present 10/s, and silence becomes zero."""
     rate = Rate()

@@ -23,8 +23,8 @@ from tests.fakes import controller_talk
 TESTS = Path(__file__).resolve().parent / "unit" / "controller"
 # Tests by the end of their file's name, and the parts whose changes they detect first.
 ORDER = {
-    "feedback": "step seed", "commands": "take turn release angle jpace", "numbers": "send",
-    "segments": "fresh ready gone pace", "limits": "judge", "signals": "signal",
+    "feedback": "step seed fresh ready gone pace",
+    "commands": "take turn release angle jpace send", "limits": "judge", "signals": "signal",
     "messages": "recv hello", "watchdog": "watch halt", "faults": "tick frames",
     "life": "begin end.pc leave restore back main",
 }  # fmt: skip

@@ -4,12 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controller.packet_table import ID_FIRST, Com, Status
+from controller.packet_table import Com, Status
 from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from tests.fakes.controller import PORT, parsed
-from tests.fakes.controller_talk import LIMITS, TEXT, Talk, moving, still
+from tests.fakes.controller_talk import TEXT, Talk, moving, still
 
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
 BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
@@ -170,26 +170,6 @@ def test_packets_of_a_freeze_are_read_before_silence_is_judged(
     assert not talk.closed
     assert not talk.status & Status.WATCHDOG_LATCHED
     assert talk.height_mm() - z == pytest.approx(goal, abs=1.0)
-
-
-def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Behaviour) -> None:
-    """Command 8 in the middle of a motion with another one behind it; the next motion is taken."""
-    talk = moving(Talk(behaviour))
-    talk.move_up(100.0)
-    talk.live(0.1, beat=True)
-    held, z = talk.send(Com.HOLD), talk.height_mm()
-    talk.do(Com.LIMITS, 0, LIMITS)
-    talk.live(0.5)
-    assert talk.height_mm() - z < 50.0 * 0.15
-    assert talk.last(Com.HEALTH).vec[4] == held - ID_FIRST
-    assert talk.status & Status.HELD
-    assert not talk.status & Status.MOVING
-    assert still(talk)
-    z = talk.height_mm()
-    talk.move_up(5.0)
-    talk.live(1.0, beat=True)
-    assert talk.height_mm() - z == pytest.approx(5.0, abs=0.05)
-    assert not talk.status & Status.HELD
 
 
 @pytest.mark.parametrize("pause_s", [1.0, 0.2])

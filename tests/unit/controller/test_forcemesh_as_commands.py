@@ -104,6 +104,28 @@ def test_relative_joint_angles_after_a_hold_count_from_where_the_arm_was_stopped
 # --- refusals -------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("com", "vec"),
+    [
+        (Com.MOVE_POSE, (0, 0, -99_999, 0, 90_000, 0)),
+        (Com.MOVE_JOINTS, (60_000, 0, -22_500, 0, -22_500, 0)),
+        (Com.MOVE_BY_JOINTS, (0, 0, 0, 0, 0, 99_000)),
+    ],
+)
+def test_a_target_that_cannot_be_reached_is_taken_refused_and_moves_nothing(
+    com: Com, vec: VecInt
+) -> None:
+    """The program continues: the next target is taken, and the bit goes."""
+    talk = ready()
+    go(talk, com, vec)
+    assert talk.status & Status.TARGET_REFUSED
+    talk.live(0.3, beat=True)
+    assert np.allclose(joints_deg(talk), HOME_DEG, atol=0.01)
+    assert (talk.closed, talk.machine.stops) == (False, [])
+    go(talk, Com.MOVE_POSE, talk.shifted_vec(z=5.0))
+    assert not talk.status & Status.TARGET_REFUSED
+
+
 def but(vec: VecInt, place: int, value: int) -> VecInt:
     """Six numbers, one of them another."""
     a, b, c, d, e, f = (value if k == place else number for k, number in enumerate(vec))
@@ -238,6 +260,19 @@ def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(axis: str, turn_deg:
     took_s = talk.wait(lambda: not talk.robot.queue.busy)
     assert took_s == pytest.approx(abs(turn_deg) * 1.75 / 50.0, rel=0.1)
     assert np.linalg.norm(rotation_between(talk.T_mm.rotation, goal.rotation)) < 1e-3
+
+
+def test_a_long_travel_with_a_small_turn_keeps_the_speed_of_the_travel() -> None:
+    """The turn gets time of its own only where it takes longer."""
+    talk = Talk()
+    talk.hello()
+    talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
+    T = talk.T_mm
+    goal = T * pin.SE3(pin.utils.rotate("z", np.radians(10.0)), np.array([0.0, 0.0, -50.0]))
+    moved_mm = lambda: float(np.linalg.norm(talk.T_mm.translation - T.translation))  # noqa: E731
+    talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
+    talk.wait(lambda: moved_mm() > 10.0)
+    assert talk.wait(lambda: moved_mm() > 40.0) == pytest.approx(0.6, rel=0.05)
 
 
 @pytest.mark.parametrize("joint", range(6))

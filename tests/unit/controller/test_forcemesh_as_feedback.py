@@ -117,15 +117,20 @@ def test_motions_are_refused_while_it_runs() -> None:
 
 def test_stop_ends_both_and_the_arm_may_move_again() -> None:
     """Without a hold: HELD does not show."""
-    talk = running(3, gains_i=(0, 0, 1000, 0, 0, 0))
-    push(talk, 10, (0, 0, 1000, 0, 0, 0))
+    talk = running(3, gains_i=(0, 0, 1000, 10_000, 0, 0))
+    push(talk, 40, (0, 0, 1000, 2000, 0, 0))
     talk.send(Com.FEEDBACK, 2)
     talk.live(0.2, beat=True)
     assert not int(talk.status) >> 5 & 3
     assert not talk.status & Status.HELD
-    before = talk.robot.q.copy()
+    before, stopped = talk.robot.q.copy(), talk.T_mm
     push(talk, 10, (0, 0, 1000, 0, 0, 0))
     assert np.allclose(talk.robot.q, before, atol=1e-4)
+    talk.start_feedback(3)  # its travel counts anew, from where the arm is
+    push(talk, 8)
+    assert np.allclose(talk.T_mm.homogeneous, stopped.homogeneous, atol=0.02)
+    talk.send(Com.FEEDBACK, 2)
+    talk.live(0.2, beat=True)
     z = talk.height_mm()
     talk.move_up(5.0)
     talk.live(1.0, beat=True)

@@ -253,7 +253,9 @@ def test_set_points_may_not_turn_far_either() -> None:
 
 def test_a_speed_above_the_highest_is_refused_and_the_one_before_stays() -> None:
     """Mechanical times modular, 200 mm/s; a new limit also lowers the speed that is set."""
-    talk = ready(motion=(*MOTION[:4], 2_000, 0))
+    talk = Talk()
+    talk.hello(motion=(*MOTION[:4], 2_000, 0))
+    assert talk.value("fm.v") == 50.0  # slow until command 5
     for modular, mechanical, fault in ((5_000, 4_000, 0), (10_000, 2_001, SPEED)):
         talk.do(Com.SPEEDS, 0, (10_000, 10_000, modular, mechanical, 0, 0))
         assert (talk.value("fm.refd"), talk.value("fm.v")) == (fault, 200.0)

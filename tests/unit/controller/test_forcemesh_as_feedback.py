@@ -128,6 +128,7 @@ def test_stop_ends_both_and_the_arm_may_move_again() -> None:
     assert np.allclose(talk.robot.q, before, atol=1e-4)
     talk.start_feedback(3)  # its travel counts anew, from where the arm is
     push(talk, 8)
+    assert talk.status & Status.ORIENTATION_FEEDBACK
     assert np.allclose(talk.T_mm.homogeneous, stopped.homogeneous, atol=0.02)
     talk.send(Com.FEEDBACK, 2)
     talk.live(0.2, beat=True)

@@ -82,17 +82,6 @@ def test_a_value_that_does_not_fit_is_refused_before_a_byte_exists(frame: int, b
             encode(Packet(numbers[0], numbers[1], numbers[2], tuple(numbers[3:])))  # type: ignore[arg-type]
 
 
-@given(packets, packets, st.integers(1, FRAMES - 1))
-def test_two_packets_read_some_frames_too_late_are_none(a: Packet, b: Packet, late: int) -> None:
-    """Whatever the numbers: an ID stands where none belongs, and none where one does."""
-    data = (encode(a) + encode(b))[late * FRAME_STRIDE :]
-    with pytest.raises(RemoteProtocolError, match="packet 1 of the connection, ID at character 1"):
-        PacketReader().feed(data)
-    believable = encode(SAMPLE)[:FRAME_STRIDE] + data[FRAME_STRIDE:]
-    with pytest.raises(RemoteProtocolError, match="no ID is expected"):
-        PacketReader().feed(believable)
-
-
 @given(
     packets,
     packets,

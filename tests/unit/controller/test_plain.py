@@ -77,14 +77,6 @@ def test_anything_but_a_report_ends_the_stream(text: str) -> None:
             reader.feed(data)
 
 
-def test_reports_of_the_other_width_are_refused() -> None:
-    """54 characters read as 63, and the reverse."""
-    packet = Packet(1, 101)
-    for sent, read in ((54, 63), (63, 54)):
-        with pytest.raises(RemoteProtocolError):
-            PlainReader(read).feed(2 * encode(packet, sent))
-
-
 def test_units_are_those_of_the_section_for_every_number_of_the_table() -> None:
     """1 without a setting: mm, degrees, N, N m, mm/s, percent, and gains in these."""
     plain = PlainSection()

@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 
 from common.config.signals import GROUP, INPUTS, OUTPUTS, SignalSection
 from controller.packet import Packet, encode
-from controller.packet_table import Com, SignalParam
+from controller.packet_table import Com
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
 from services.gateway.connection import ControllerConnection
 from services.gateway.packets import SignalReport, parse_report
-from services.gateway.signals import STALE_AFTER_S, ControllerSignals, switch_output
+from services.gateway.signals import STALE_AFTER_S, ControllerSignals
 from tests.fakes.dialogues import KEPT, SCALES, joint_report, last_id, packets, pose_report
 from tests.unit.services.gateway.test_connection import FIT, STALE_S, ConnectionRig
 
@@ -47,15 +47,6 @@ class SignalRig(ConnectionRig):
 def rig() -> SignalRig:
     """A connection with signals."""
     return SignalRig()
-
-
-@given(st.sampled_from([*OUTPUTS]), st.booleans())
-def test_an_output_is_a_number_with_a_sign(number: int, on: bool) -> None:
-    """Positive for on, negative for off; it fits the packet."""
-    packet = switch_output(number, on=on).packet(500_000)
-    assert (packet.com, packet.param) == (Com.SIGNAL, SignalParam.SWITCH)
-    assert packet.vec == (number if on else -number, 0, 0, 0, 0, 0)
-    encode(packet)
 
 
 @given(st.data())

@@ -189,6 +189,7 @@ def test_a_packet_may_be_longer_in_transit_before_the_limits_are_executed(
         rig.now_ns = begun_ns + round(1e3 * elapsed_s) * MS
         rig.receive()
         assert (rig.connection.code == "link_slow") == (elapsed_s > closed_after_s)
+        assert rig.dialogue.ready == (elapsed_s < closed_after_s)
 
 
 @pytest.mark.parametrize("name", CONTROLLER_BITS)

@@ -17,7 +17,15 @@ from controller.packet_table import (
     Status,
     unpack_status,
 )
-from tests.fakes.controller_talk import LIMITS, MOTION, SCALES, Talk, push
+from tests.fakes.controller_talk import (
+    JOINT_SPEED,
+    LIMITS,
+    MOTION,
+    SCALES,
+    SEGMENT,
+    Talk,
+    push,
+)
 
 MOVE = (Com.MOVE_BY_JOINTS, (250, 0, 0, 0, 0, 0))
 HOME_DEG = np.array([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
@@ -141,6 +149,9 @@ SENSELESS = [
     *((Com.LIMITS, 0, but(LIMITS, 5, ms)) for ms in (99, 2_001)),  # watchdog
     *((Com.LIMITS, Bank.MOTION, but(MOTION, k, 0)) for k in range(5)),
     *((Com.LIMITS, Bank.MOTION, but(MOTION, k, 90_000)) for k in (0, 3)),  # half a turn
+    *((Com.LIMITS, Bank.SEGMENT, but(SEGMENT, 0, ms)) for ms in (0, 1_001)),
+    *((Com.LIMITS, Bank.SEGMENT, but(SEGMENT, 1, speed)) for speed in (-1, 1_001)),  # 100 mm/s
+    *((Com.LIMITS, Bank.JOINT_SPEED, but(JOINT_SPEED, k, 0)) for k in range(6)),
 ]
 
 
@@ -149,6 +160,7 @@ def settings_of(talk: Talk) -> list[float]:
     names = ["fm.v", *(f"fm.{kind}[{k}]" for kind in ("kp", "ki") for k in range(1, 7))]
     names += [f"fm.{name}" for name in ("lstep", "lturn", "lspeed", "ltravel", "lforce", "wd")]
     names += [f"fm.{name}" for name in ("lcos", "ltorque", "lset", "scos", "lfast")]
+    names += ["fm.tmove", "fm.vmin", *(f"fm.jmax[{k}]" for k in range(1, 7))]
     return [float(talk.value(name)) for name in names]
 
 

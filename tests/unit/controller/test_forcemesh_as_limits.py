@@ -19,8 +19,8 @@ from tests.fakes.controller_talk import (
     with_peer,
 )
 
-TCP: VecInt = (0, 0, 8000, 0, 0, 0)  # 160 mm
-TCP_MM = np.array([0.0, 0.0, 160.0])
+TCP: VecInt = (500, -250, 8000, 0, 0, 0)
+TCP_MM = np.array([10.0, -5.0, 160.0])
 ALL = (
     (Com.LIMITS, 0, LIMITS),
     *((Com.LIMITS, int(bank), vec) for bank, vec in SET_UP),
@@ -43,7 +43,7 @@ def ready(
 
 
 def walled(lower: tuple[float, ...], upper: tuple[float, ...], y_mm: float = 0.0) -> Talk:
-    """A TCP 160 mm below the flange, and walls so many mm around where it is at the start."""
+    """A TCP below the flange, and walls so many mm around where it is at the start."""
     at = Talk().T_mm.act(TCP_MM) + np.array([0.0, y_mm, 0.0])
     corners = []
     for away in (-np.array(lower), np.array(upper)):

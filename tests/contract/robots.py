@@ -1,8 +1,6 @@
-"""The four robots of the contract and all differences between them.
+"""The robots of the contract and all differences between them.
 
-All run on a virtual clock. `gateway` is the gateway with a fake controller, an implementation of
-the protocol that shares no code with the shipped program; the emulated robots run that program
-itself.
+All run on a virtual clock. The emulated robots are the gateway and the shipped program.
 """
 
 from collections.abc import Callable
@@ -13,7 +11,7 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import Runner, Service
 from forcemesh.bus import Bus
-from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.clock import ManualClock
 from forcemesh.messages import Gains, Host
 from launch.controller_program import program_of
 from services.gateway.link import LinkEvents
@@ -26,7 +24,7 @@ from sim.controller.service import ControllerSensor
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
-from tests.fakes.controller import PORT, FakeController
+from tests.fakes.controller import PORT
 
 PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
 GOOD = Behaviour(step_s=1e-4)  # a controller with time for the program
@@ -112,16 +110,6 @@ def lock_step(bus: Bus, cell: CellConfig, network: MemoryNetwork) -> Gateway:
     return Gateway(bus, cell, LockStepLink(network, PORT, LinkEvents))
 
 
-def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, CellConfig], Both]:
-    """Return a factory of gateways with a fake controller on the gateway's clock."""
-
-    def make(bus: Bus, cell: CellConfig) -> Both:
-        gateway = lock_step(bus, cell, network)
-        return Both(gateway, lambda now_ns: controller.live(now_ns / NS_PER_S))
-
-    return make
-
-
 def sim_rig() -> Rig:
     """The simulated robot on a virtual clock."""
     cell = load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S, "sim.gap_m": 0.1})
@@ -137,16 +125,6 @@ def load(arm: SimArm) -> None:
     arm.data.xfrc_applied[arm.model.body("tool").id][:3] = (0.0, 0.0, -5000.0)
 
 
-def gateway_rig() -> Rig:
-    """The gateway and a fake controller."""
-    network = MemoryNetwork()
-    controller = FakeController(network, rate_hz=100.0)
-    rig = Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
-    rig.stall = lambda on: setattr(controller.tantrums, "stalled", on)
-    rig.shove = lambda: setattr(controller.robot, "target_rad", controller.robot.target_rad + 0.01)
-    return rig
-
-
 def emulated_pc_rig() -> Rig:
     """The gateway and the shipped program, freshly started; force feedback on the PC."""
     return Emulated(host="pc").rig
@@ -157,10 +135,15 @@ def emulated_controller_rig() -> Rig:
     return Emulated(host="controller").rig
 
 
+def plain_cell(**overrides: object) -> CellConfig:
+    """The demo's cell with protocol plain."""
+    changes = {"gateway.port": PORT, "roles.sensor": "external", "deadlines.command_s": DEADLINE_S}
+    return load_cell(DEMO_CELL.with_name("demo-plain.yaml"), changes | overrides)
+
+
 def plain_rig() -> Rig:
     """The gateway and plain.as, which checks no limit of the cell."""
-    changes = {"gateway.port": PORT, "roles.sensor": "external", "deadlines.command_s": DEADLINE_S}
-    return Emulated(cell=load_cell(DEMO_CELL.with_name("demo-plain.yaml"), changes)).rig
+    return Emulated(cell=plain_cell()).rig
 
 
 def ran_feedback(rig: Rig) -> None:
@@ -197,7 +180,6 @@ class Robot:
 
 ROBOTS = {
     "sim": Robot(sim_rig, "pc", has_controller=False),
-    "gateway": Robot(gateway_rig, "controller"),
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),
 }

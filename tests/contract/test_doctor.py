@@ -4,20 +4,29 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from cli.doctor.link import Visit, VisitTimeouts, visit_controller
-from controller.packet import Packet, encode
-from controller.packet_table import ID_FIRST, Com, Scales, Status, greeting
+from controller.packet import PACKET_CHARS, Packet, PacketReader, encode
+from controller.packet_table import ID_FIRST, Com, Scales, greeting
+from sim.controller.behaviour import Behaviour
+from sim.controller.network import SocketNetwork, SocketStream
 from tests.chaos.common_net import free_port
-from tests.fakes.controller import FakeController
+from tests.fakes.controller import RunningController
+from tests.fakes.controller_talk import TEXT
 
 pytestmark = pytest.mark.realtime
 
 SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
 SCALES = Scales()
+
+
+def served(text: str = TEXT) -> RunningController:
+    """Return a controller with a program, on a socket."""
+    return RunningController(text, behaviour=Behaviour(), network=SocketNetwork(port=0))
 
 
 def visit(port: int, patience: VisitTimeouts = SHORT) -> Visit:
@@ -27,8 +36,8 @@ def visit(port: int, patience: VisitTimeouts = SHORT) -> Visit:
 
 def test_a_visit_reads_all_reports_and_leaves_the_controller_unchanged() -> None:
     """Pose, joints, health, rates, round trip; held, not latched, nothing armed, nothing moved."""
-    with FakeController(rate_hz=50.0) as controller:
-        before = controller.robot.joint_rad.copy()
+    with served() as controller:
+        before = controller.machine.robot.q
         found = visit(controller.port)
         assert (found.opened, found.hello_outcome) == ("open", "answered")
         found_reports = found.reports
@@ -38,26 +47,43 @@ def test_a_visit_reads_all_reports_and_leaves_the_controller_unchanged() -> None
         assert found_reports.pose is not None
         assert found_reports.health is not None
         assert found_reports.sender_hz is not None
-        assert 5.0 < found_reports.sender_hz <= 51.0
+        assert 5.0 < found_reports.sender_hz <= 125.0
         assert found_reports.loop_hz is not None
         assert found_reports.round_trip is not None
         assert found_reports.longest_gap_s is not None
         assert found_reports.longest_gap_s >= 1.0 / found_reports.sender_hz
-        assert controller.wait_for(lambda: controller.errors == ["closed by the gateway"])
-        assert not controller.robot.status & Status.WATCHDOG_LATCHED
-        assert not controller._armed
-        assert np.array_equal(controller.robot.joint_rad, before)
+        assert controller.wait_for(lambda: controller.value("fm.link") == 0)
+        assert (controller.value("fm.lat"), controller.value("fm.arm")) == (
+            controller.value("fm.lack"), 0,
+        )  # fmt: skip
+        assert np.allclose(controller.machine.robot.q, before, atol=1e-5)
 
 
-def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold() -> None:
+@pytest.fixture
+def received(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
+    """The bytes that controllers receive from now on."""
+    data: list[bytes] = []
+    receive = SocketStream.receive
+
+    def recorded(stream: SocketStream, most: int) -> bytes | None:
+        came = receive(stream, most)
+        data.extend([came] if came else [])
+        return came
+
+    monkeypatch.setattr(SocketStream, "receive", recorded)
+    return data
+
+
+def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold(received: list[bytes]) -> None:
     """Behind each heartbeat, which arms the watchdog, a hold follows in the same write."""
-    with FakeController() as controller:
+    with served() as controller:
         visit(controller.port)
-        coms = [packet.com for packet in controller.of(*Com)]
+        assert controller.wait_for(lambda: controller.value("fm.link") == 0)
+    coms = [packet.com for packet in PacketReader().feed(b"".join(received))]
     assert coms[0] == Com.HELLO
-    assert coms[1::2] == [Com.HEARTBEAT] * (len(coms) // 2)
-    assert coms[2::2] == [Com.HOLD] * (len(coms) // 2)
-    assert len(coms) > 5
+    assert set(coms[1:]) == {Com.HEARTBEAT, Com.HOLD}
+    assert {after for com, after in pairwise(coms) if com == Com.HEARTBEAT} == {Com.HOLD}
+    assert coms[-1] == Com.HOLD
 
 
 @contextmanager
@@ -104,8 +130,8 @@ def test_an_unresolved_name_and_an_unreachable_host_are_distinguished() -> None:
 
 def test_a_second_client_gets_no_answer() -> None:
     """The controller serves one client: the second one waits in the backlog of the port."""
-    with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
-        assert controller.wait_for(lambda: controller.connections == 1)
+    with served() as controller, socket.create_connection(("127.0.0.1", controller.port)):
+        assert controller.wait_for(lambda: controller.machine.tcp.sockets)
         found = visit(controller.port)
         assert (found.opened, found.hello_outcome, found.hello) == ("open", "silent", None)
         assert found.hello_s >= SHORT.hello_s
@@ -132,21 +158,21 @@ def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: st
     assert found.hello_detail
 
 
-def test_version_and_scales_are_reported_although_they_end_the_visit() -> None:
+@pytest.mark.parametrize(
+    ("now", "then", "param", "first_scale"),
+    [("1003000+fm.num", "1002000+fm.num", 2001, 50), ("fm.sp=.v[3]", "fm.sp=60", 3001, 60)],
+)
+def test_version_and_scales_are_reported_although_they_end_the_visit(
+    now: str, then: str, param: int, first_scale: int, received: list[bytes]
+) -> None:
     """The hello is kept for the report; nothing more is sent."""
-    other = (60, 500, 250, 100, 1000, 10)
-    with FakeController() as controller:
-        controller.tantrums.greeting = 2001
+    assert TEXT.count(now) == 1
+    with served(TEXT.replace(now, then)) as controller:
         found = visit(controller.port)
         assert (found.hello_outcome, found.reports) == ("answered", None)
         assert found.hello is not None
-        assert found.hello.param == 2001
-        assert controller.wait_for(lambda: len(controller.errors) == 1)
-        controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
-        found = visit(controller.port)
-        assert found.hello is not None
-        assert (found.hello.vec, found.reports) == (other, None)
-        assert {packet.com for packet in controller.of(*Com)} == {Com.HELLO}
+        assert (found.hello.param, found.hello.vec[0]) == (param, first_scale)
+    assert [packet.com for packet in PacketReader().feed(b"".join(received))] == [Com.HELLO]
 
 
 def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
@@ -174,17 +200,18 @@ def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
 
 
 @pytest.mark.parametrize("how", ["drop", "garbage", "frozen"])
-def test_a_controller_that_breaks_off_is_reported(how: str) -> None:
+def test_a_controller_that_breaks_off_is_reported(how: str, received: list[bytes]) -> None:
     """Closed, no packet, or silent in the middle: the earlier results are kept."""
-    with FakeController(rate_hz=50.0) as controller:
+    with served() as controller:
 
         def spoil() -> None:
-            controller.wait_for(lambda: len(controller.of(Com.HEARTBEAT)) > 3)
+            controller.wait_for(lambda: len(b"".join(received)) > 8 * PACKET_CHARS)
+            controller.is_frozen = True
+            (stream,) = controller.machine.tcp._streams.values()
             if how == "drop":
-                controller.drop()
+                stream.close()
             elif how == "garbage":
-                controller.write(b"x" * 63)
-            controller.tantrums.frozen = how == "frozen"
+                stream.send(b"x" * 63)
 
         thread = threading.Thread(target=spoil)
         thread.start()

@@ -11,7 +11,6 @@ from forcemesh import topics
 from forcemesh.messages import Health
 from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
-from tests.fakes.gateway_cell import a_cell
 
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
@@ -35,23 +34,20 @@ class Listener:
 
 def test_a_figure_is_absent_before_it_is_measured() -> None:
     """Without hello no figure; a program that executes nothing has no round trip of execution."""
-    cell = a_cell()
-    listener = Listener(cell.rig)
-    cell.controller.tantrums.greet = False
-    cell.rig.until(lambda: cell.controller.connections == 1)
-    cell.rig.until(lambda: listener.health.fault)
+    emulated = Emulated()
+    rig, machine = emulated.rig, emulated.machine
+    listener = Listener(rig)
+    rig.until(lambda: listener.health.fault)
     assert listener.health.numbers == {}
-    cell.controller.tantrums.greet = cell.controller.tantrums.stalled = True
-    cell.controller.drop()
-    cell.rig.connect()
-    cell.rig.until(lambda: set(listener.health.numbers) >= FRAMED)
+    rig.until(lambda: machine.tcp.sockets)
+    rig.stall(True)
+    rig.until(lambda: set(listener.health.numbers) >= FRAMED)
     assert not set(listener.health.numbers) & (TAKEN | RATES)
-    cell.rig.until(lambda: set(listener.health.numbers) >= RATES)
+    rig.until(lambda: set(listener.health.numbers) >= RATES)
     assert not set(listener.health.numbers) & TAKEN
-    cell.controller.tantrums.greet = False
-    cell.controller.drop()
-    cell.rig.until(lambda: listener.health.fault)
-    assert listener.health.numbers == {}
+    machine.tcp.close_all()
+    rig.until(lambda: not listener.health.numbers)
+    assert listener.health.fault
 
 
 def counted(emulated: Emulated, name: str):

@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.fakes.plain_controller import TEXT, PlainController
+from controller.plain import PROGRAM, START
+from sim.controller.network import SocketNetwork
+from tests.fakes.controller import RunningController
 
 pytestmark = pytest.mark.realtime
 
@@ -74,14 +76,14 @@ class SpecificationClient:
 class Bench:
     """Controller and client, on the clock of the test."""
 
-    def __init__(self, controller: PlainController, gap: str = " ") -> None:
+    def __init__(self, controller: RunningController, gap: str = " ") -> None:
         self.controller = controller
         self.client = SpecificationClient(controller.port, lambda: controller.advance(0.002), gap)
         self.client.until(lambda: self.client.joints)
 
     def rest(self) -> None:
         """Wait until the arm is at rest and its pose has been reported."""
-        self.controller.until(lambda: not self.controller.arm.moving)
+        assert self.controller.advance(10.0, lambda: not self.controller.arm.moving)
         for _ in range(100):
             self.client.receive()
 
@@ -89,7 +91,8 @@ class Bench:
         """Send the reading less the force to press with for some time; return the force then."""
         force, torque = [0.0] * 3, [0.0] * 3
         for _ in range(round(seconds / 0.02)):
-            force, torque = self.controller.wrench()
+            true = self.controller.arm.true_wrench()
+            force, torque = true.force_N.tolist(), true.torque_Nm.tolist()
             error = [force[0], force[1], force[2] - press_N, *torque]
             self.client.send(4, 0, [round(each) for each in error])
             for _ in range(10):
@@ -99,15 +102,20 @@ class Bench:
     def end(self) -> None:
         """End both."""
         self.client.end()
-        self.controller.close()
+        self.controller.machine.tcp.close_all()
 
 
 @pytest.fixture(params=["63 characters", "54 characters"])
 def bench(request) -> Iterator[Bench]:
     """The shipped program, over a soft plate 3 mm below the tool."""
     spaced = request.param == "63 characters"
-    text = TEXT if spaced else TEXT.replace("  pl.w=7 ", "  pl.w=6 ")
-    made = Bench(PlainController(text, stiffness_N_m=3000.0, gap_m=0.003), " " if spaced else "")
+    text = PROGRAM.read_text(encoding="ascii")
+    text = text if spaced else text.replace("  pl.w=7 ", "  pl.w=6 ")
+    network = SocketNetwork(port=0)
+    controller = RunningController(
+        text, START, network=network, stiffness_N_m=3000.0, gap_m=0.003
+    )  # fmt: skip
+    made = Bench(controller, " " if spaced else "")
     yield made
     made.end()
 
@@ -176,7 +184,7 @@ def test_wrong_characters_end_the_connection_and_the_motion(bench, text):
     client.write(gap.join(["000002", "000003", "000000", text, *5 * ["000000"]]) + gap)
     client.until(lambda: client.closed)
     assert any(f"connection closed: 000002{gap}" in line for line in bench.controller.printed)
-    bench.controller.until(lambda: not bench.controller.arm.moving, within_s=0.5)
+    assert bench.controller.advance(0.5, lambda: not bench.controller.arm.moving)
     assert bench.controller.arm.T_base_flange.translation[2] * 1e3 < z + 60
     client.end()
     bench.client = SpecificationClient(bench.controller.port, client._wait, gap)

@@ -2,9 +2,7 @@
 
 import re
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,18 +22,13 @@ from controller.packet_table import (
     unpack_status,
 )
 from forcemesh.clock import NS_PER_S
-from sim.as_language.parser import parse
-from sim.as_language.syntax import SourceFile
 from sim.controller.behaviour import Behaviour
 from sim.controller.hardware import Robot
 from sim.controller.machine import Machine
 from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
-from sim.robot.arm import SimArm
-from sim.robot.settings import SimSettings
+from tests.fakes.controller import PORT, QUICK, TICK_NS, RunningController
 
 TEXT = (Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as").read_text("ascii")
-PORT = 49152
-QUICK = Behaviour(step_s=1e-4)
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
 LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
 ARM = 1  # fm.num of the shipped program
@@ -54,16 +47,8 @@ SET_UP = (
     (Bank.SEGMENT, SEGMENT),
     (Bank.JOINT_SPEED, JOINT_SPEED),
 )
-BEAT_S = 0.04
-TICK_NS = 1_000_000
+BEAT_NS = 40_000_000
 CHUNK = 65_536
-FREE = SimSettings(gap_m=0.1, delay_s=0.0)  # room below the tool
-
-
-@cache
-def parsed(text: str) -> SourceFile:
-    """The program, read once."""
-    return parse(text)
 
 
 def with_peer(a: int, b: int, c: int, d: int) -> str:
@@ -89,21 +74,17 @@ class Talk:
         behaviour: Behaviour = QUICK,
         *,
         prepare: Callable[[Machine], None] | None = None,
-        text: str = TEXT,
+        text: str = "",
     ) -> None:
-        """Switch on, load, full monitor speed, EXECUTE.
-
-        `prepare` is called right before EXECUTE; `text` is the program, possibly with other
-        settings.
-        """
+        """Start; `text` is the program, possibly with other settings."""
         self.network = MemoryNetwork()
-        self.machine = Machine(SimArm(FREE, seed=0), self.network, behaviour=behaviour)
-        self.machine.load(parsed(text))
+        controller = RunningController(
+            text or TEXT, behaviour=behaviour, network=self.network, prepare=prepare
+        )
+        self.machine, self.printed, self.value = (
+            controller.machine, controller.printed, controller.value
+        )  # fmt: skip
         self.pendant = self.machine.pendant
-        self.pendant.monitor_speed(100.0)
-        if prepare is not None:
-            prepare(self.machine)
-        self.pendant.execute("fm.main")
         self.stream = MemoryStream()
         self.closed, self.reading = True, True
         self.inbox: list[Packet] = []
@@ -128,7 +109,7 @@ class Talk:
                 return True
             self.machine.advance(min(self.machine.now_ns + TICK_NS, end_ns))
             self._receive()
-            if beat and not self.closed and self._quiet_s >= BEAT_S:
+            if beat and not self.closed and self.machine.now_ns - self._sent_ns >= BEAT_NS:
                 self.send(Com.HEARTBEAT)
         return until is not None and bool(until())
 
@@ -140,10 +121,6 @@ class Talk:
         came = self.live(limit_s, beat=beat, until=until)
         assert came, f"not in {limit_s} s: status {self.status!r}, fault {self.fault}"
         return self.now_s - start_s
-
-    @property
-    def _quiet_s(self) -> float:
-        return (self.machine.now_ns - self._sent_ns) / NS_PER_S
 
     # --- the wire ---------------------------------------------------------------------------------
 
@@ -186,17 +163,13 @@ class Talk:
         limits: VecInt | None = LIMITS,
         id_: int = ID_FIRST,
         scales: VecInt = SCALES,
-        motion: VecInt = MOTION,
-        lower: VecInt = LOWER,
-        upper: VecInt = UPPER,
-        tcp: VecInt = NO_TCP,
-        segment: VecInt = SEGMENT,
+        **banks: VecInt,
     ) -> None:
         """Connect, send hello, wait for the stream of reports, `set_up`."""
         self.greet(id_=id_, scales=scales)
         self.wait(lambda: self.received(Com.HEALTH), beat=False)
         if limits is not None:
-            self.set_up(limits, motion=motion, lower=lower, upper=upper, tcp=tcp, segment=segment)
+            self.set_up(limits, **banks)
 
     def set_up(
         self,
@@ -279,10 +252,6 @@ class Talk:
     def height_mm(self) -> float:
         """Height of the flange."""
         return float(self.T_mm.translation[2])
-
-    def value(self, name: str) -> Any:
-        """Return the value of a global variable."""
-        return self.machine.memory.read(name)
 
     # --- sentences --------------------------------------------------------------------------------
 

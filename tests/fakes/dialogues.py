@@ -42,12 +42,6 @@ def last_id(dialogue: Dialogue) -> int:
     return id_of(dialogue.window.last)
 
 
-def scale_ends(name: str) -> tuple[int, int]:
-    """Return the lowest and the highest value of a scale."""
-    lowest, highest = Scales.model_fields[name].metadata
-    return lowest.ge, highest.le
-
-
 def at(x_mm: float) -> pin.SE3:
     """Return a pose shifted along x."""
     return pin.SE3(np.eye(3), np.array([x_mm * 1e-3, 0.4, 0.3]))

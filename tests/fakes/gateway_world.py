@@ -1,6 +1,5 @@
 """A gateway on the virtual clock, a controller with faults, and the judge of every packet."""
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import Header
 from forcemesh.faults import FAULTS
-from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
+from forcemesh.messages import Permission, RobotCommand, RobotState, Speed, WrenchAtTcp
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
@@ -43,9 +42,12 @@ class FaultyController(PermissiveController):
 
     def __init__(self) -> None:
         super().__init__(HOME_RAD)
-        self.packets: list[Packet] = []
+        self.packets: list[Packet] = []  # since the judge has taken them
+        self.notes: list[tuple[Com, int]] = []  # Com and Param, without heartbeats and wrenches
+        self.wrenches: list[Packet] = []
         self.on, self.off = Status(0), Status(0)  # wrong status bits
         self.held_back = 0  # bytes that follow the next report
+        self.pause_ns = PAUSE_NS  # from the end of a connection to the next one
         self._judge_reader, self._lost, self._again_ns = PacketReader(), "", 0
 
     def poll(self, now_ns: int) -> LinkEvents:
@@ -62,14 +64,19 @@ class FaultyController(PermissiveController):
         """Accept packets; on a line that is down they are lost."""
         if not self._open:
             return False
-        self.packets += self._judge_reader.feed(data)
+        for packet in self._judge_reader.feed(data):
+            self.packets.append(packet)
+            if packet.com == Com.WRENCH:
+                self.wrenches.append(packet)
+            elif packet.com != Com.HEARTBEAT:
+                self.notes.append((Com(packet.com), packet.param))
         return super().send(data, now_ns)
 
     def close(self, reason: str, now_ns: int) -> None:
         """Close the connection from either side: the arm stops."""
         if self._open:
             self._lost = reason
-        self.last_fault, self._again_ns = reason, now_ns + PAUSE_NS
+        self.last_fault, self._again_ns = reason, now_ns + self.pause_ns
         self._open, self._id, self._outbox, self.held_back = False, NO_ID, b"", 0
         self._reader, self._judge_reader = PacketReader(), PacketReader()
         self._target = self.T.copy()
@@ -84,69 +91,36 @@ class FaultyController(PermissiveController):
         self._status = before
 
 
-@dataclass
-class PacketJudge:
-    """Judges each outgoing packet and each report of the gateway."""
-
-    last_id: int
-    obeyed: tuple[int, int] = (0, 0)  # epoch and seq of the last accepted command
-    dead: set[Lease] = field(default_factory=set)
-    live: Lease | None = None
-    fresh: bool = True  # since hello or hold no set point has been sent
-
-    def packet(self, packet: Packet, lease: Lease | None, stream: pin.SE3 | None) -> None:
-        """Judge a packet that is sent under a lease, or under none.
-
-        `stream` is the last reported pose while set points are commanded.
-        """
-        assert packet.id == next_id(self.last_id), "a gap in the IDs"
-        self.last_id = packet.id
-        if lease is None:
-            assert packet.com in UNPERMITTED, f"command {packet.com} without a permission"
-        if packet.com in {Com.HELLO, Com.HOLD}:
-            self.fresh = True
-        elif moves(packet):
-            assert lease not in self.dead, "a lease that had ended moves the arm"
-            if self.fresh and stream is not None:
-                assert packet.com == Com.SET_POINT
-                error = pose_of_vec(packet.vec, SCALES).actInv(stream)
-                assert np.abs(error.homogeneous - np.eye(4)).max() < 1e-4, "the first one jumps"
-            self.fresh = False
-
-    def verdict(self, lease: Lease | None) -> None:
-        """Record which leases have ended."""
-        if self.live is not None and lease != self.live:
-            self.dead.add(self.live)
-        assert lease not in self.dead
-        self.live = lease
-
-
 class GatewayWorld:
-    """The gateway, its surroundings, and the invariants."""
+    """The gateway, its surroundings, and the invariants of every packet and report."""
 
-    def __init__(self, controller: FaultyController | None = None) -> None:
-        """Connect."""
+    def __init__(self, controller: FaultyController | None = None, *, epoch: int = 7) -> None:
+        """Connect; `epoch` is that of the gateway's process."""
         self.cell = gateway_cell(49152)
         self.clock, self.transport = ManualClock(), MemoryTransport()
         self.controller = controller or FaultyController()
-        bus = self._bus("robot")
-        self.gateway = Gateway(bus, self.cell, self.controller)
-        self.judge = PacketJudge(last_id(self.gateway._dialogue))
+        self.gateway = Gateway(self._bus("robot", epoch), self.cell, self.controller)
+        self._last_id = last_id(self.gateway._dialogue)
+        self._obeyed = (0, 0)  # epoch and seq of the last accepted command
+        self._dead: set[Lease] = set()
+        self._live: Lease | None = None
+        self._is_fresh = True  # since hello or hold no set point has been sent
         self.turn, self.seq, self.epoch = 0, 0, 1
         self.lease = 0
         self.kind = "hold"  # of the last command
         self.wrench: WrenchAtTcp | None = WrenchAtTcp()
+        self.states: list[RobotState] = []
         self.codes: set[str] = set()  # reason of the hold, or of the rejection
         self.sent: list[bytes] = []  # commands for a later replay
         self.allowed: tuple[Lease, int] | None = None  # expiry by the newest valid command
         topic = topics.ROBOT_COMMAND
-        self._put = self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)
+        self.put = self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)
         self._put_wrench = self._bus("wrench").publisher(topics.WRENCH)
         self._states = self._bus("arbiter").reader(topics.ROBOT_STATE)
         self.live(30)
 
-    def _bus(self, role: str) -> Bus:
-        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock, 7)
+    def _bus(self, role: str, epoch: int = 7) -> Bus:
+        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock, epoch)
 
     @property
     def lease(self) -> int:
@@ -157,11 +131,6 @@ class GatewayWorld:
     def lease(self, number: int) -> None:
         """Begin a lease with the challenge that the gateway publishes."""
         self._lease, self.challenge = number, self.gateway._gate.challenge
-
-    @property
-    def T(self) -> pin.SE3:
-        """Pose of the arm."""
-        return self.controller.T
 
     # --- the arbiter ------------------------------------------------------------------------------
 
@@ -174,14 +143,11 @@ class GatewayWorld:
             stamp_ns=stamp_ns, topic=f"{self.cell.cell}/{topics.ROBOT_COMMAND.key}",
         )  # fmt: skip
         data = encode_unchecked(header, command)
-        self._put(data)
+        self.put(data)
         self.allowed, self.kind = None, command.kind
-        permission = command.permission
-        if permission is not None and (permission.lease, permission.ownership) == (
-            self.lease,
-            self.turn,
-        ):
-            self.allowed = (self.epoch, permission.lease), stamp_ns + round(DEADLINE_S * NS_PER_S)
+        granted, now = command.permission, (self.lease, self.turn)
+        if granted is not None and (granted.lease, granted.ownership) == now:
+            self.allowed = (self.epoch, granted.lease), stamp_ns + round(DEADLINE_S * NS_PER_S)
         if keep:
             self.sent.append(data)
 
@@ -201,9 +167,10 @@ class GatewayWorld:
             kind=kind, commander="operator", speed=speed, permission=permission, **content
         )
 
-    def put(self, data: bytes) -> None:
-        """Put bytes on the key of commands."""
-        self._put(data)
+    def shifted(self, x_m: float, y_m: float, z_m: float) -> Any:
+        """Return a pose shifted from the arm."""
+        T = self.controller.T
+        return record_of(pin.SE3(T.rotation, T.translation + np.array([x_m, y_m, z_m])))
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -229,13 +196,16 @@ class GatewayWorld:
             assert self.allowed is not None, "no command permits this"
             assert lease == self.allowed[0]
             assert now_ns <= self.allowed[1], "the permission has expired"
-        stopped = self.judge.live is not None and lease is None
+        stopped = self._live is not None and lease is None
         self._judge_packets(lease, stopped=stopped)
-        self.judge.verdict(lease)
+        if self._live is not None and lease != self._live:
+            self._dead.add(self._live)
+        assert lease not in self._dead
+        self._live = lease
         if verdict.accepted is not None:
             accepted = (verdict.accepted.epoch, verdict.accepted.seq)
-            assert accepted >= self.judge.obeyed
-            self.judge.obeyed = accepted
+            assert accepted >= self._obeyed
+            self._obeyed = accepted
         self._judge_state()
 
     def _judge_packets(self, lease: Lease | None, *, stopped: bool) -> None:
@@ -245,23 +215,39 @@ class GatewayWorld:
         that began and ended in the same step.
         """
         packets, self.controller.packets = self.controller.packets, []
-        under = lease or self.judge.live or self._allowed_lease()
+        under = lease or self._live or self._allowed_lease()
         measured = self.gateway.measured
         streams = None if measured is None or self.kind != "setpoint" else measured.T_base_flange
         for packet in packets:
-            self.judge.packet(packet, under, streams)
+            self._judge_packet(packet, under, streams)
         is_refused = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
         if is_refused and under is not None:
-            self.judge.dead.add(under)
+            self._dead.add(under)
         if (stopped or is_refused) and self.gateway._dialogue.ready:
             assert packets, "the arm is not braked"
             assert packets[-1].com == Com.HOLD
+
+    def _judge_packet(self, packet: Packet, lease: Lease | None, stream: pin.SE3 | None) -> None:
+        """Judge a packet; `stream` is the last reported pose while set points are commanded."""
+        assert packet.id == next_id(self._last_id), "a gap in the IDs"
+        self._last_id = packet.id
+        if lease is None:
+            assert packet.com in UNPERMITTED, f"command {packet.com} without a permission"
+        if packet.com in {Com.HELLO, Com.HOLD}:
+            self._is_fresh = True
+        elif moves(packet):
+            assert lease not in self._dead, "a lease that had ended moves the arm"
+            if self._is_fresh and stream is not None:
+                assert packet.com == Com.SET_POINT
+                error = pose_of_vec(packet.vec, SCALES).actInv(stream)
+                assert np.abs(error.homogeneous - np.eye(4)).max() < 1e-4, "the first one jumps"
+            self._is_fresh = False
 
     def _allowed_lease(self) -> Lease | None:
         """Return the lease of the newest command, if it may be executed now."""
         if self.allowed is None or self.clock.now_ns() > self.allowed[1]:
             return None
-        return None if self.allowed[0] in self.judge.dead else self.allowed[0]
+        return None if self.allowed[0] in self._dead else self.allowed[0]
 
     def _judge_state(self) -> None:
         if self._states.poll():
@@ -272,7 +258,4 @@ class GatewayWorld:
             assert bool(state.hold_reason) == (self.gateway.verdict.command is None)
             assert state.code in FAULTS or state.valid
             self.codes |= {state.code, state.hold_code}
-
-    def shifted(self, x_m: float, y_m: float, z_m: float) -> Any:
-        """Return a pose shifted from the arm."""
-        return record_of(pin.SE3(self.T.rotation, self.T.translation + np.array([x_m, y_m, z_m])))
+            self.states.append(state)

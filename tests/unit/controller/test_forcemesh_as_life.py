@@ -4,11 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controller.packet_table import ID_FIRST, Com, Status
+from controller.packet_table import Com, Status
 from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
-from tests.fakes.controller_talk import LIMITS, PORT, TEXT, Talk, moving, parsed, still
+from tests.fakes.controller import PORT, parsed
+from tests.fakes.controller_talk import TEXT, Talk, moving, still
 
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
 BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
@@ -47,14 +48,12 @@ def test_another_program_in_a_slot_is_reported_and_never_aborted(number: int) ->
         machine.load(parsed(TEXT + GUARD))
         machine.control.start_pc(number, "guard")
 
-    lines: list[str] = []
     talk = Talk(prepare=occupied)
-    talk.machine.hardware.print_line = lines.append
     talk.live(1.0)
     assert talk.machine.tasks[number].state == "running"
     assert talk.machine.robot_task.state == "idle"
     assert are_the_users(talk.machine)
-    assert f"another program is in {number}" in " ".join(" ".join(lines).split())
+    assert f"another program is in {number}" in " ".join(" ".join(talk.printed).split())
     talk.machine.memory.write("guarding", 0.0)
     talk.live(0.1)
     talk.pendant.execute("fm.main")
@@ -109,18 +108,27 @@ def test_quit_ends_all_and_puts_tool_base_and_cp_back(behaviour: Behaviour) -> N
     assert still(talk)
 
 
-@pytest.mark.parametrize("times", [1, 3])
-def test_execute_after_aborts_works_and_keeps_the_frames_of_before(
-    times: int, behaviour: Behaviour
-) -> None:
-    """An aborted run leaves TOOL and BASE null: these values are not kept."""
+def aborted(behaviour: Behaviour) -> Talk:
+    """A controller whose fm.main a person has aborted in a motion: TOOL and BASE are null."""
     talk = moving(Talk(behaviour, prepare=users_frames))
-    for _ in range(times):
+    talk.pendant.abort()
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert not are_the_users(talk.machine)
+    talk.live(0.3)
+    return talk
+
+
+def test_execute_after_aborts_works_and_keeps_the_frames_of_before(behaviour: Behaviour) -> None:
+    """An aborted run leaves TOOL and BASE null: these values are not kept."""
+    talk = aborted(behaviour)
+    for _ in range(2):
+        talk.pendant.execute("fm.main")
+        talk.live(2.5)
         talk.pendant.abort()
         talk.wait(lambda: talk.machine.robot_task.state == "idle")
         talk.live(0.3)
-        talk.pendant.execute("fm.main")
-        talk.live(2.5)
+    talk.pendant.execute("fm.main")
+    talk.live(2.5)
     talk.closed = True
     talk.hello()
     z = talk.height_mm()
@@ -135,10 +143,7 @@ def test_restore_puts_the_frames_back_after_an_abort_and_does_nothing_twice(
     behaviour: Behaviour,
 ) -> None:
     """EXECUTE fm.restore, by a person; then another TOOL is theirs to choose."""
-    talk = moving(Talk(behaviour, prepare=users_frames), 20.0)
-    talk.pendant.abort()
-    talk.wait(lambda: talk.machine.robot_task.state == "idle")
-    assert not are_the_users(talk.machine)
+    talk = aborted(behaviour)
     talk.pendant.execute("fm.restore")
     talk.wait(lambda: talk.machine.robot_task.state == "idle")
     assert are_the_users(talk.machine)
@@ -165,67 +170,6 @@ def test_packets_of_a_freeze_are_read_before_silence_is_judged(
     assert not talk.closed
     assert not talk.status & Status.WATCHDOG_LATCHED
     assert talk.height_mm() - z == pytest.approx(goal, abs=1.0)
-
-
-def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour) -> None:
-    """An unread packet counts as new; then the limit, and the arm is braked."""
-    talk = moving(Talk(behaviour), 150.0)
-    talk.machine.hardware.stall(1.0)
-    talk.live(1.0)
-    z = talk.height_mm()
-    talk.wait(lambda: talk.value("fm.fault") == 1, LIMITS[5] * 1e-3 + 0.05, beat=False)
-    assert talk.height_mm() - z < 50.0 * 0.4
-    assert still(talk)
-
-
-def test_a_hold_that_came_in_a_freeze_voids_the_motions_before_it(behaviour: Behaviour) -> None:
-    """Ten motions and the hold are read in one burst; none of the ten is made."""
-    talk = moving(Talk(behaviour), 150.0)
-    talk.machine.hardware.stall(1.0)
-    for k in range(10):
-        talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=150.0 + k))
-        talk.live(0.05)
-    talk.send(Com.HOLD)
-    talk.live(0.6)
-    assert still(talk)
-    assert talk.status & Status.HELD
-    assert not talk.status & Status.WATCHDOG_LATCHED
-
-
-def test_force_feedback_makes_no_leap_after_a_freeze(behaviour: Behaviour) -> None:
-    """Wrenches that piled up are one wrench; the time that was lost is not integrated over."""
-    talk = Talk(behaviour)
-    talk.hello()
-    talk.start_feedback(1, gains_i=(0, 0, 1_000, 0, 0, 0))
-    for _ in range(20):
-        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
-        talk.live(0.02)
-    z = talk.height_mm()
-    talk.machine.hardware.stall(0.15)
-    for _ in range(10):
-        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
-        talk.live(0.02)
-    assert 0.0 < talk.height_mm() - z < 2.0 * 0.2 * 1.2  # 2 mm/s for the 200 ms that passed
-
-
-def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Behaviour) -> None:
-    """Command 8 in the middle of a motion with another one behind it; the next motion is taken."""
-    talk = moving(Talk(behaviour))
-    talk.move_up(100.0)
-    talk.live(0.1, beat=True)
-    held, z = talk.send(Com.HOLD), talk.height_mm()
-    talk.do(Com.LIMITS, 0, LIMITS)
-    talk.live(0.5)
-    assert talk.height_mm() - z < 50.0 * 0.15
-    assert talk.last(Com.HEALTH).vec[4] == held - ID_FIRST
-    assert talk.status & Status.HELD
-    assert not talk.status & Status.MOVING
-    assert still(talk)
-    z = talk.height_mm()
-    talk.move_up(5.0)
-    talk.live(1.0, beat=True)
-    assert talk.height_mm() - z == pytest.approx(5.0, abs=0.05)
-    assert not talk.status & Status.HELD
 
 
 @pytest.mark.parametrize("pause_s", [1.0, 0.2])

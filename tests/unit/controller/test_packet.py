@@ -48,14 +48,6 @@ def feed_all(reader: PacketReader, pieces: list[bytes]) -> list[Packet]:
     return [packet for piece in pieces for packet in reader.feed(piece)]
 
 
-@given(packets)
-def test_a_packet_survives_the_wire(packet: Packet) -> None:
-    """Decoding what was encoded gives the same packet, in 63 characters."""
-    data = encode(packet)
-    assert len(data) == PACKET_CHARS
-    assert PacketReader().feed(data) == [packet]
-
-
 @given(st.lists(packets, max_size=8), st.lists(st.integers(0, 8 * PACKET_CHARS)))
 def test_any_chunking_decodes_alike(sent: list[Packet], cuts: list[int]) -> None:
     """The division of the stream makes no difference to the packets."""
@@ -70,26 +62,11 @@ def test_the_characters_are_those_of_the_specification() -> None:
     )  # fmt: skip
 
 
-def test_an_omitted_number_is_zero() -> None:
-    """A heartbeat or a hold holds nothing else, and Param zero means zero."""
-    assert encode(Packet(500_000, 12)) == b"500000 000012 " + b"000000 " * 7
-
-
 def test_a_packet_is_taken_with_its_last_character() -> None:
     """The last packet of a burst does not wait for the next one, and not one character early."""
     reader, data = PacketReader(), encode(SAMPLE)
     assert reader.feed(data[:-1]) == []
     assert reader.feed(data[-1:]) == [SAMPLE]
-
-
-def test_a_255_byte_burst_keeps_its_remainder() -> None:
-    """255 characters are four packets and three characters, the cut that public code gets wrong."""
-    sent = [Packet(ID_FIRST + i, 1, 0, (i,) * 6) for i in range(1, 10)]
-    data = b"".join(map(encode, sent))
-    reader = PacketReader()
-    assert reader.feed(data[:255]) == sent[:4]
-    assert reader.feed(data[255:510]) == sent[4:8]
-    assert reader.feed(data[510:]) == sent[8:]
 
 
 @pytest.mark.parametrize("frame", range(FRAMES))
@@ -103,17 +80,6 @@ def test_a_value_that_does_not_fit_is_refused_before_a_byte_exists(frame: int, b
         refusal = f"{FRAME_NAMES[frame]} is {value}, it must be {low} to {high}"
         with pytest.raises(LocalProtocolError, match=refusal):
             encode(Packet(numbers[0], numbers[1], numbers[2], tuple(numbers[3:])))  # type: ignore[arg-type]
-
-
-@given(packets, packets, st.integers(1, FRAMES - 1))
-def test_two_packets_read_some_frames_too_late_are_none(a: Packet, b: Packet, late: int) -> None:
-    """Whatever the numbers: an ID stands where none belongs, and none where one does."""
-    data = (encode(a) + encode(b))[late * FRAME_STRIDE :]
-    with pytest.raises(RemoteProtocolError, match="packet 1 of the connection, ID at character 1"):
-        PacketReader().feed(data)
-    believable = encode(SAMPLE)[:FRAME_STRIDE] + data[FRAME_STRIDE:]
-    with pytest.raises(RemoteProtocolError, match="no ID is expected"):
-        PacketReader().feed(believable)
 
 
 @given(
@@ -138,14 +104,10 @@ def test_frames_that_are_lost_or_put_in_are_detected(
 
 @pytest.mark.parametrize("value", [1.0, True, None, "1", float("nan")])
 def test_a_frame_holds_integers_only(value: object) -> None:
-    """A value that is not an int is refused, whatever its text would be."""
+    """Nine of them: a value that is not an int is refused, whatever its text would be."""
     with pytest.raises(LocalProtocolError, match="integer"):
         encode(Packet(ID_FIRST, 1, 0, (value, 0, 0, 0, 0, 0)))  # type: ignore[arg-type]
-
-
-def test_a_packet_of_a_wrong_length_is_refused() -> None:
-    """Eight or ten frames cannot be sent."""
-    with pytest.raises(LocalProtocolError, match="8"):
+    with pytest.raises(LocalProtocolError, match="9 frames, this one has 8"):
         encode(Packet(ID_FIRST, 1, 0, (0,) * 5))  # type: ignore[arg-type]
 
 
@@ -171,21 +133,6 @@ def test_one_wrong_character_is_refused_or_is_another_number() -> None:
             differing = [a != b for a, b in zip(packet.frames, SAMPLE.frames, strict=True)]
             assert not any(differing[: position // FRAME_STRIDE])
             assert not any(differing[position // FRAME_STRIDE + 1 :])
-
-
-@pytest.mark.parametrize(
-    "frame",
-    [
-        b"1_0000", b" 12345", b"12345 ", b"+12345", b"0x1234", b"1e1000", b"--1234", b"1-2345",
-        b"-" * 6, b"*" * 6, b"12.345", b"\x00" * 6, "１２".encode(), "٣٣٣".encode(), b"12345\n",
-    ],
-)  # fmt: skip
-def test_frames_that_int_would_accept_are_refused(frame: bytes) -> None:
-    """Frames are -?[0-9]+ in ASCII, not everything that int() takes."""
-    assert len(frame) == 6
-    data = encode(SAMPLE)
-    with pytest.raises(RemoteProtocolError, match="Com"):
-        PacketReader().feed(data[:7] + frame + data[13:])
 
 
 @given(packets, packets, st.data())
@@ -237,6 +184,8 @@ def test_counter_and_status_share_one_frame(counter: int, bits: int) -> None:
     param = pack_status(counter, Status(bits))
     assert 0 <= param <= VALUE_MAX
     assert unpack_status(param) == (counter % COUNTER_SPAN, Status(bits))
+    with pytest.raises(LocalProtocolError):  # a twelfth bit would be read as a counter
+        pack_status(0, Status(2**STATUS_BITS))
 
 
 @pytest.mark.parametrize("param", [-1, COUNTER_SPAN * 2048, VALUE_MAX])
@@ -244,13 +193,6 @@ def test_a_param_that_is_no_counter_and_status_is_refused(param: int) -> None:
     """Numbers that pack_status cannot make are not unpacked."""
     with pytest.raises(RemoteProtocolError, match=str(param)):
         unpack_status(param)
-
-
-def test_status_bits_outside_the_eleven_cannot_be_sent() -> None:
-    """A twelfth bit would be read as a counter."""
-    with pytest.raises(LocalProtocolError):
-        pack_status(0, Status(2**STATUS_BITS))
-    assert len(Status) == STATUS_BITS
 
 
 @given(ids)
@@ -305,18 +247,14 @@ def test_a_hello_carries_version_and_arm(param: int, version: int, arm: int) -> 
     assert greeted(greeting(arm)) == (3, arm)
 
 
-@pytest.mark.parametrize(("com", "first", "last"), [(103, -99_999, 499_999), (9, 0, 499_999)])
+@pytest.mark.parametrize(
+    ("com", "first", "last"),
+    [(103, -99_999, 499_999), (9, 0, 499_999), (1, 0, 0), (6, 0, 1), (7, 0, 2), (8, 0, 0)],
+)
 def test_a_param_may_be_any_number_that_the_table_names(com: int, first: int, last: int) -> None:
-    """An error code may be negative, and both ends of a range belong to it."""
+    """An error code may be negative, both ends of a range belong to it; elsewhere 0 means 0."""
     for param in (first, last):
         assert known(com, param) == com
     for param in (first - 1, last + 1):
         with pytest.raises(RemoteProtocolError, match=str(param)):
             known(com, param)
-
-
-@pytest.mark.parametrize(("com", "param"), [(1, 1), (6, 2), (7, 3), (8, -1), (101, -1)])
-def test_a_param_outside_the_table_is_refused(com: int, param: int) -> None:
-    """Param zero means zero (specification 1.4)."""
-    with pytest.raises(RemoteProtocolError, match=str(param)):
-        known(com, param)

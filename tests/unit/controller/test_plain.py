@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from cli.doctor.remedies import FAULTS
 from controller.packet import Packet
-from controller.packet_table import TABLE, Com, PacketValue, Quantity
+from controller.packet_table import TABLE, Com
 from controller.plain import (
     COMMANDS,
     ID_LAST,
@@ -77,25 +77,14 @@ def test_anything_but_a_report_ends_the_stream(text: str) -> None:
             reader.feed(data)
 
 
-def test_reports_of_the_other_width_are_refused() -> None:
-    """54 characters read as 63, and the reverse."""
-    packet = Packet(1, 101)
-    for sent, read in ((54, 63), (63, 54)):
-        with pytest.raises(RemoteProtocolError):
-            PlainReader(read).feed(2 * encode(packet, sent))
-
-
 def test_units_are_those_of_the_section_for_every_number_of_the_table() -> None:
     """1 without a setting: mm, degrees, N, N m, mm/s, percent, and gains in these."""
     plain = PlainSection()
-    for com in (*COMMANDS, *REPORTS):
-        row = TABLE[com]
-        for number in (number for vector in row.vectors for number in vector):
-            assert plain.units(number) == 1
+    numbers = [n for com in (*COMMANDS, *REPORTS) for vector in TABLE[com].vectors for n in vector]
+    assert {plain.units(number) for number in numbers} == {1}
     finer = PlainSection(gain_i=7, gain_p=5, per_percent=3, torque_per_Nm=2)
     assert [finer.units(TABLE[Com.GAINS].numbers(param)[0]) for param in (0, 1)] == [5, 7]
     assert finer.units(TABLE[Com.SPEEDS].numbers(0)[0]) == 3
-    assert finer.units(PacketValue("Mx", Quantity("N m", 1.0, "torque_per_Nm"))) == 2
 
 
 def test_the_program_gets_the_numbers_of_a_cell_and_no_other_change() -> None:

@@ -19,7 +19,7 @@ from forcemesh.bus import Reading
 from forcemesh.messages import Health, SensorWrench
 from services.gateway.packet_window import Spread
 from tests.fakes.bench import DEMO
-from tests.fakes.robot_program import READY as RUNNING
+from tests.fuzz.permissive_arbiter import READY as RUNNING
 from tests.unit.cli.doctor.test_machine import CASES as MACHINE
 from tools.tree import ROOT
 

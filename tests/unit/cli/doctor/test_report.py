@@ -44,11 +44,14 @@ from launch.run_file import FOLDER_VARIABLE, new_run, write_run
 from services.gateway.connection import robot_status
 from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
+from sim.controller.behaviour import Behaviour
+from sim.controller.network import SocketNetwork
 from tests.chaos.common_net import free_port
 from tests.fakes.arms import unknown_arm
 from tests.fakes.bench import DEMO
-from tests.fakes.controller import FakeController
-from tests.fakes.robot_program import READY as RUNNING
+from tests.fakes.controller import RunningController
+from tests.fakes.controller_talk import TEXT
+from tests.fuzz.permissive_arbiter import READY as RUNNING
 from tools.tree import ROOT
 
 CELLS = DEMO.parent
@@ -258,10 +261,15 @@ def run(path: Path) -> tuple[int, dict[str, str]]:
     return result.exit_code, {line["check"]: line["result"] for line in report["lines"]}
 
 
+def served() -> RunningController:
+    """Return a controller with the shipped program, on a socket."""
+    return RunningController(TEXT, behaviour=Behaviour(), network=SocketNetwork(port=0))
+
+
 @pytest.mark.realtime
 def test_a_healthy_controller_is_exit_code_0(cell_file: Callable[..., Path]) -> None:
     """The fake arm has the model's lengths: pose and joints agree."""
-    with FakeController(rate_hz=50.0) as controller:
+    with served() as controller:
         code, words = run(cell_file(controller.port))
     assert code == OK
     assert {check for check, word in words.items() if word == "SKIP"} == {
@@ -298,12 +306,12 @@ def test_while_the_cell_is_up_the_controller_is_not_contacted(
     cell_file: Callable[..., Path],
 ) -> None:
     """With the run file of a live supervisor there is no second client, even without a hub."""
-    with FakeController() as controller:
+    with served() as controller:
         path = cell_file(controller.port)
         write_run(new_run(load_cell(path), path))  # this test is the supervisor
         code, words = run(path)
         assert (code, words["bus"], "address" in words) == (NO_ANSWER, "FAIL", False)
-        assert controller.connections == 0
+        assert controller.machine.tcp.sockets == ()
 
 
 @pytest.mark.realtime
@@ -321,7 +329,7 @@ def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -
                 health.put(Health(config_hash=cell_hash(cell), numbers={"sender_hz": 40.0}))
                 state.put(RobotState())
 
-    with FakeController() as controller:
+    with served() as controller:
         path = cell_file(controller.port)
         cell = load_cell(path)
         thread = threading.Thread(target=publish)
@@ -340,4 +348,4 @@ def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -
         assert found.stream_hz["robot/state"] == pytest.approx(50.0, rel=0.5)
         assert (code, words["address"], words["process robot"]) == (NOT_WELL, "SKIP", "PASS")
         assert (words["sender"], words["link"]) == ("SKIP", "FAIL")
-        assert controller.connections == 0
+        assert controller.machine.tcp.sockets == ()

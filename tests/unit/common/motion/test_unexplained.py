@@ -19,8 +19,8 @@ from common.motion.unexplained import (
 )
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Trip
+from tests.contract.robots import plain_cell
 from tests.fakes.bench import CELL, DEMO
-from tests.fakes.plain_rig import SPECIFICATION, plain_cell
 
 REPORT_S = 1.0 / CELL.rates.robot_hz
 X_M, Y_RAD = rest_bounds(CELL)
@@ -127,6 +127,7 @@ def test_the_bounds_follow_from_the_cell() -> None:
     saved_m = X_M - rest_bounds(other).position_m
     assert saved_m == pytest.approx(2.0 * (CELL.limits.force_N - force_N) / ARM_STIFFNESS_N_m)
     fine = plain_cell()
-    whole = plain_cell(**{f"gateway.plain.{name}": 1 for name in SPECIFICATION})
+    names = ("position_per_mm", "oat_per_deg", "joint_per_deg")
+    whole = plain_cell(**{f"gateway.plain.{name}": 1 for name in names})
     assert rest_bounds(fine).position_m < X_M < rest_bounds(whole).position_m < 6e-3
     assert rest_bounds(fine).rotation_rad < Y_RAD < rest_bounds(whole).rotation_rad < 0.1

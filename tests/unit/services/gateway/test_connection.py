@@ -3,8 +3,9 @@
 import pytest
 
 from controller.packet import Packet, encode
-from controller.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
-from services.gateway.connection import ControllerConnection
+from controller.packet_table import ID_FIRST, MODES, PERCENT, Com, Status, pack_status
+from forcemesh.messages import CONTROLLER_BITS
+from services.gateway.connection import ControllerConnection, robot_status
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import LinkEvents
 from tests.fakes.dialogues import KEPT, MS, SCALES, joint_report, last_id, packets, pose_report
@@ -188,3 +189,26 @@ def test_a_packet_may_be_longer_in_transit_before_the_limits_are_executed(
         rig.now_ns = begun_ns + round(1e3 * elapsed_s) * MS
         rig.receive()
         assert (rig.connection.code == "link_slow") == (elapsed_s > closed_after_s)
+        assert rig.dialogue.ready == (elapsed_s < closed_after_s)
+
+
+@pytest.mark.parametrize("name", CONTROLLER_BITS)
+def test_every_status_bit_is_published_under_its_name(name: str) -> None:
+    """Alone; a mode of force feedback has one or two bits."""
+    status = robot_status(Status[name.upper()], 0)
+    assert status.kawasaki is not None
+    assert [bit for bit in CONTROLLER_BITS if getattr(status.kawasaki, bit)] == [name]
+    assert (status.moving, status.held) == (name == "moving", name == "held")
+    assert [robot_status(bits, 0).feedback for bits in MODES.values()] == list(MODES)
+
+
+def test_an_error_of_the_controller_is_named_with_its_code() -> None:
+    """The code comes with 103; until then the error has no number."""
+    rig = ConnectionRig().greet()
+    rig.report(1, FIT | Status.ERROR)
+    assert rig.connection.status.faults[0].value != -34024
+    rig.receive(encode(Packet(ID_FIRST, Com.HEALTH, -34024)))
+    (fault,) = rig.connection.status.faults
+    assert (fault.code, fault.value, "E4024" in fault.text) == ("robot_error", -34024, True)
+    rig.report(2)
+    assert rig.connection.status.ready

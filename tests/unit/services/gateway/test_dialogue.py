@@ -1,5 +1,6 @@
 """The gateway's protocol state, without a socket: order, pacing, permission, refusals."""
 
+from collections.abc import Callable
 from math import nan
 
 import pinocchio as pin
@@ -8,21 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.packet import Packet, encode
-from controller.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
+from controller.packet_table import ID_FIRST, ID_LAST, Com, Status, greeting
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
-from forcemesh.messages import Speed
+from forcemesh.messages import Gains, Speed
 from services.gateway.dialogue import Dialogue
-from services.gateway.packet_window import NONE_YET
-from services.gateway.packets import (
-    HealthReport,
-    HelloReceived,
-    JointReport,
-    Pacing,
-    PoseReport,
-    hello,
-)
+from services.gateway.packets import HelloReceived, Pacing
 from tests.fakes.dialogues import (
+    GAINS,
     JOINTS,
     KEPT,
     MS,
@@ -40,35 +34,13 @@ from tests.fakes.dialogues import (
 )
 
 
-def test_hello_is_the_first_packet_and_requests_the_scales() -> None:
-    """A connection begins with command 9: version in Param, scales in the vector."""
-    (packet,) = packets(Dialogue(SCALES).connected(0))
-    assert packet == hello(SCALES, 1).packet(next_id(NO_ID))
-
-
-def test_reports_become_events() -> None:
-    """Hello, 101, 102 and 103 of one stream become events in their order."""
-    dialogue = Dialogue(SCALES)
-    data = dialogue.connected(0) + pose_report(last_id(dialogue)) + joint_report(last_id(dialogue))
-    data += encode(Packet(ID_FIRST, Com.HEALTH, 0))
-    kinds = [type(event) for event in dialogue.feed(data, 0)]
-    assert kinds == [HelloReceived, PoseReport, JointReport, HealthReport]
-
-
-@pytest.mark.parametrize(
-    "first",
-    [
-        Packet(ID_FIRST, 9, 1, SCALES.vec), Packet(ID_FIRST, 9, 2001, SCALES.vec),
-        Packet(ID_FIRST, 9, 3002, SCALES.vec), Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 3001),
-        Packet(ID_FIRST, 9, 3001, (60, 500, 250, 100, 1000, 10)),
-    ],
-)  # fmt: skip
-def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
-    """Another version, arm or scale, or a missing hello closes the link."""
-    dialogue = Dialogue(SCALES)
-    dialogue.connected(0)
-    with pytest.raises(RemoteProtocolError):
-        dialogue.feed(encode(first), 0)
+def test_a_controller_of_another_arm_is_refused() -> None:
+    """Hello names our arm; until the controller's names it as well nothing else is sent."""
+    dialogue = Dialogue(SCALES, arm=2)
+    (hello,) = packets(dialogue.connected(0))
+    assert (hello.com, hello.param, hello.vec) == (Com.HELLO, greeting(2), SCALES.vec)
+    with pytest.raises(RemoteProtocolError, match="this is arm 1"):
+        dialogue.feed(encode(Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)), 0)
     assert not dialogue.ready
 
 
@@ -83,18 +55,6 @@ def test_only_hello_and_hold_are_sent_before_the_controllers_hello() -> None:
     with pytest.raises(LocalProtocolError, match="hello"):
         dialogue.move_joints(Com.MOVE_JOINTS, JOINTS, SPEED, 0)
     assert coms(dialogue.hold(0)) == [(8, 0)]
-
-
-def test_ids_are_consecutive_over_everything_and_over_reconnects() -> None:
-    """Each packet has the next ID; 500000 follows 999999."""
-    dialogue = Dialogue(SCALES, last_id=ID_LAST - 3)
-    sent = packets(dialogue.connected(0))
-    dialogue.feed(encode(sent[0]), 0)
-    sent += packets(dialogue.move_to_pose(at(1), SPEED, 0))
-    sent += packets(dialogue.hold(0))
-    sent += packets(dialogue.connected(0))
-    ids = [ID_LAST - 2, ID_LAST - 1, ID_LAST, ID_FIRST, ID_FIRST + 1]
-    assert [packet.id for packet in sent] == ids
 
 
 def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
@@ -119,22 +79,6 @@ def test_a_refused_batch_leaves_nothing_behind() -> None:
         dialogue.move_joints(Com.MOVE_JOINTS, (nan, 0.0, 0.0, 0.0, 0.0, 0.0), SPEED, 0)
     assert last_id(dialogue) == before
     assert coms(dialogue.move_to_pose(at(1), SPEED, 0)) == [(5, 0), (1, 0)]
-
-
-def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
-    """At most one set point is in flight; a superseded one is never sent."""
-    dialogue = greeted()
-    dialogue.offer_setpoint(at(10))
-    (first,) = packets(dialogue.tick(0, permitted=True))
-    for x_mm in (11, 12, 13):
-        dialogue.offer_setpoint(at(x_mm))
-        assert dialogue.tick(0, permitted=True) == b""
-    dialogue.feed(pose_report(first.id - 1), 0)
-    assert dialogue.tick(0, permitted=True) == b""
-    dialogue.feed(pose_report(first.id), 0)
-    (second,) = packets(dialogue.tick(0, permitted=True))
-    assert second.vec[0] == 13 * SCALES.position_per_mm
-    assert dialogue.tick(0, permitted=True) == b""
 
 
 def test_a_setpoint_that_is_released_in_parts_is_sent_to_its_end() -> None:
@@ -179,17 +123,6 @@ def test_setpoints_in_flight_never_exceed_the_limit(
         else:
             now_ns += 30 * MS
         assert dialogue.window.unexecuted == len(in_flight) <= limit
-
-
-def test_the_rounding_of_a_stream_of_setpoints_is_carried() -> None:
-    """A constant pose between two units is sent as both, in the right proportion."""
-    dialogue, sent = greeted(), []
-    for _ in range(100):
-        dialogue.offer_setpoint(at(0.005))  # a quarter of a unit
-        (packet,) = packets(dialogue.tick(0, permitted=True))
-        sent.append(packet.vec[0])
-        dialogue.feed(pose_report(packet.id), 0)
-    assert sum(sent) == 25
 
 
 def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
@@ -245,33 +178,6 @@ def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
     assert coms(dialogue.hold(0)) == [(8, 0)]
 
 
-def test_ids_of_an_earlier_connection_do_not_count_as_taken() -> None:
-    """A controller that still reports an old ID has taken none of the new packets."""
-    dialogue = greeted(last_id=ID_FIRST + 500)
-    dialogue.offer_setpoint(at(1))
-    (packet,) = packets(dialogue.tick(0, permitted=True))
-    for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
-        dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.window.unexecuted, dialogue.window.taken) == (1, NONE_YET)
-    dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
-    assert dialogue.window.unexecuted == 1
-    dialogue.feed(pose_report(packet.id), 0)
-    assert (dialogue.window.unexecuted, dialogue.window.taken) == (0, dialogue.window.last)
-
-
-def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
-    """102 names the last framed packet; the time from sending to it is the round trip."""
-    dialogue = greeted()
-    dialogue.hold(0)
-    dialogue.feed(joint_report(last_id(dialogue)), 3 * MS)
-    assert dialogue.window.receipts.last_s == pytest.approx(0.003)
-    dialogue.hold(10 * MS)
-    dialogue.feed(joint_report(last_id(dialogue) - 1), 12 * MS)
-    assert dialogue.window.receipts.last_s == pytest.approx(0.003)
-    dialogue.feed(joint_report(last_id(dialogue)), 17 * MS)
-    assert dialogue.window.receipts.last_s == pytest.approx(0.007)
-
-
 def test_a_new_connection_keeps_nothing_of_the_old_one() -> None:
     """Half a packet, pending motion and running feedback end with the connection."""
     dialogue = in_feedback()
@@ -295,3 +201,143 @@ def test_it_is_settled_when_reports_confirm_the_last_hold_and_the_last_motion() 
     assert not dialogue.settled
     dialogue.feed(joint_report(last_id(dialogue)), 4 * MS)
     assert dialogue.settled
+
+
+def gains_of(share: float) -> Gains:
+    """Return the dialogue's gains with another proportional part."""
+    return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)
+
+
+MORE = gains_of(2.0)
+
+
+def test_feedback_does_not_start_without_permission() -> None:
+    """The start of feedback is a motion."""
+    dialogue = greeted()
+    with pytest.raises(LocalProtocolError, match="permission"):
+        dialogue.start_feedback("both", GAINS, permitted=False, now_ns=0)
+    assert not dialogue.feedback_active
+
+
+def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
+    """Commands 1, 2, 3, 11 and a second start are refused from the request until the end."""
+    for dialogue in (greeted(), in_feedback()):
+        if not dialogue.feedback_active:
+            dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
+        before = last_id(dialogue)
+        for refused in (
+            lambda d: d.move_to_pose(at(1), SPEED, 0),
+            lambda d: d.move_joints(Com.MOVE_JOINTS, JOINTS, SPEED, 0),
+            lambda d: d.move_joints(Com.MOVE_BY_JOINTS, JOINTS, SPEED, 0),
+            lambda d: d.offer_setpoint(at(1)),
+            lambda d: d.set_centre(at(1), 0),
+            lambda d: d.start_feedback("both", GAINS, permitted=True, now_ns=0),
+        ):
+            with pytest.raises(LocalProtocolError, match="feedback"):
+                refused(dialogue)
+        assert last_id(dialogue) == before
+
+
+def test_feedback_that_runs_at_connection_blocks_motion_too() -> None:
+    """A controller that reports running feedback is in feedback, whatever started it."""
+    dialogue = greeted()
+    dialogue.feed(pose_report(last_id(dialogue), Status.ORIENTATION_FEEDBACK), 0)
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        dialogue.offer_setpoint(at(1))
+
+
+def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
+    """At most two packets are unframed; then only the newest wrench waits."""
+    dialogue = in_feedback()
+    sent = []
+    for force_N in range(1, 6):
+        dialogue.offer_wrench((float(force_N), 0.0, 0.0), NONE, NONE)
+        sent += packets(dialogue.tick(0, permitted=True))
+    assert [packet.vec[0] for packet in sent] == [100, 200]
+    dialogue.feed(joint_report(sent[-1].id), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert (last.com, last.vec[0]) == (4, 500)
+
+
+def test_a_changed_set_point_goes_before_its_first_wrench() -> None:
+    """Command 14 is sent once per change; the wrench is the reading itself."""
+    dialogue = in_feedback()
+    sent = []
+    for setpoint_N in (0.0, 0.0, 10.0, 10.0, 0.0):
+        dialogue.offer_wrench((0.0, 0.0, 12.0), NONE, (0.0, 0.0, setpoint_N))
+        sent += packets(dialogue.tick(0, permitted=True))
+        dialogue.feed(joint_report(last_id(dialogue)), 0)
+    assert [(packet.com, packet.vec[2]) for packet in sent] == [
+        (4, 1200), (4, 1200), (14, 1000), (4, 1200), (4, 1200), (14, 0), (4, 1200),
+    ]  # fmt: skip
+
+
+def test_a_set_point_whose_wrench_was_not_sent_is_sent_with_the_next() -> None:
+    """The newest wrench is sent, together with the newest set point."""
+    dialogue = in_feedback()
+    for force_N in (1.0, 2.0):
+        dialogue.offer_wrench((0.0, 0.0, force_N), NONE, NONE)
+        dialogue.tick(0, permitted=True)
+    for setpoint_N in (5.0, 6.0):
+        dialogue.offer_wrench((0.0, 0.0, 3.0), NONE, (0.0, 0.0, setpoint_N))
+        assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(joint_report(last_id(dialogue)), 0)
+    sent = packets(dialogue.tick(0, permitted=True))
+    assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
+
+
+def test_the_centre_of_rotation_is_updated_one_at_a_time() -> None:
+    """Command 11 goes to running feedback, the newest when the one before has been taken."""
+    dialogue = in_feedback()
+    dialogue.offer_centre(at(1))
+    (first,) = packets(dialogue.tick(0, permitted=True))
+    assert (first.com, first.param, first.vec[0]) == (11, 1, 50)
+    for x_mm in (2, 3, 4):
+        dialogue.offer_centre(at(x_mm))
+        assert coms(dialogue.tick(0, permitted=True)) == []
+    dialogue.feed(pose_report(first.id, Status.POSITION_FEEDBACK), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert (last.com, last.vec[0]) == (11, 200)
+
+
+@pytest.mark.parametrize("offer", [lambda d: d.offer_centre(at(1)), lambda d: d.offer_gains(MORE)])
+def test_centre_and_gains_require_force_feedback_that_runs_and_is_permitted(
+    offer: Callable[[Dialogue], None],
+) -> None:
+    """Without feedback they are refused; without permission they are dropped."""
+    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
+        offer(greeted())
+    dialogue = in_feedback()
+    offer(dialogue)
+    assert dialogue.tick(0, permitted=False) == b""
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+def test_gains_that_change_faster_than_they_are_taken_do_not_queue_up() -> None:
+    """Only the newest gains are sent: queued gains would delay every hold."""
+    dialogue = in_feedback()
+    for share in (2.0, 3.0, 4.0):
+        dialogue.offer_gains(gains_of(share))
+    (first,) = packets(dialogue.tick(0, permitted=True))
+    assert (first.com, first.param) == (6, 0)
+    for share in (5.0, 6.0, 7.0):
+        dialogue.offer_gains(gains_of(share))
+        assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(pose_report(first.id, Status.POSITION_FEEDBACK), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert last.vec[0] / first.vec[0] == pytest.approx(7.0 / 4.0)
+    dialogue.offer_gains(gains_of(7.0))
+    dialogue.feed(pose_report(last.id, Status.POSITION_FEEDBACK), 0)
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+def test_gains_do_not_wait_behind_a_moving_centre() -> None:
+    """A rolling contact changes the centre at every sample; a gain reduction is still sent."""
+    dialogue = in_feedback()
+    dialogue.offer_gains(gains_of(2.0))
+    sent = []
+    for x_mm in range(4, 16, 4):
+        dialogue.offer_centre(at(x_mm))
+        sent += packets(dialogue.tick(0, permitted=True))
+        dialogue.feed(pose_report(sent[-1].id, Status.POSITION_FEEDBACK), 0)
+    assert [packet.com for packet in sent] == [6, 11, 11]

@@ -7,32 +7,15 @@ from typing import Any
 
 import pytest
 
-from controller.packet import Packet
+from controller.packet import PACKET_CHARS
 from controller.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
 from forcemesh.messages import Feedback, Gains, Vec3
 from services.gateway.driver import CENTRE_STEP_M
-from tests.fakes.gateway_world import FaultyController, GatewayWorld
+from tests.fakes.gateway_world import GatewayWorld
 
 GAINS = Gains(force_p_m_per_N=(1e-5, 1e-5, 1e-5))
 MORE = Gains(force_p_m_per_N=(2e-5, 2e-5, 2e-5))
-
-
-class RecordingController(FaultyController):
-    """A controller that records every command in its order."""
-
-    def __init__(self) -> None:
-        """Create an empty record."""
-        super().__init__()
-        self.notes: list[tuple[Com, int]] = []
-
-    def _take(self, packet: Packet) -> None:
-        if packet.com not in {Com.HEARTBEAT, Com.WRENCH}:
-            self.notes.append((Com(packet.com), packet.param))
-        super()._take(packet)
-
-    def end_feedback(self) -> None:
-        """End force feedback without a command."""
-        self._status &= ~FEEDBACK_BITS
+STOP = (Com.FEEDBACK, int(FeedbackSwitch.STOP))
 
 
 class FeedbackCell:
@@ -40,8 +23,8 @@ class FeedbackCell:
 
     def __init__(self) -> None:
         """Arm, and run feedback in mode position."""
-        self.controller = RecordingController()
-        self.world = GatewayWorld(self.controller)
+        self.world = GatewayWorld()
+        self.controller = self.world.controller
         self.world.lease += 1
         self.run()
         assert (Com.FEEDBACK, int(FeedbackSwitch.POSITION)) in self.controller.notes
@@ -70,9 +53,21 @@ def cell() -> FeedbackCell:
     return FeedbackCell()
 
 
-def test_unchanged_feedback_sends_wrenches_only(cell: FeedbackCell) -> None:
-    """Nothing else is sent."""
+def test_unchanged_feedback_sends_each_wrench_once_and_nothing_else(cell: FeedbackCell) -> None:
+    """The controller integrates the samples: the same sample again would count twice."""
+    before = len(cell.controller.wrenches)
     assert cell.commands_after() == []
+    assert 5 <= len(cell.controller.wrenches) - before <= 50
+    world = cell.world
+    world.wrench = None
+    world.live(10)
+    before = len(cell.controller.wrenches)
+    feedback = Feedback(mode="position", gains=GAINS)
+    for _ in range(3):
+        world.send(world.permitted("feedback", feedback=feedback))
+        world.live(2)
+    assert len(cell.controller.wrenches) == before
+    assert world.gateway.verdict.hold_code == ""
 
 
 def test_changed_gains_are_sent_while_feedback_runs(cell: FeedbackCell) -> None:
@@ -81,18 +76,20 @@ def test_changed_gains_are_sent_while_feedback_runs(cell: FeedbackCell) -> None:
 
 
 def test_the_centre_of_rotation_is_updated_in_steps(cell: FeedbackCell) -> None:
-    """A significant move of the centre is one command; a smaller one is none."""
+    """TCP plus lever: a significant move of the centre is one command; a smaller one is none."""
     assert cell.commands_after(lever_m=(0.5 * CENTRE_STEP_M, 0.0, 0.0)) == []
     assert cell.commands_after(lever_m=(2.0 * CENTRE_STEP_M, 0.0, 0.0)) == [(Com.TCP, 1)]
+    sent = next(chars for chars in cell.controller.sent[::-1] if chars[7:13] == b"000011")
+    assert len(sent) == PACKET_CHARS
+    assert sent[14:41] == b"000001 000300 000000 008000"
     assert cell.commands_after(lever_m=(2.4 * CENTRE_STEP_M, 0.0, 0.0)) == []
 
 
 def test_another_mode_stops_and_restarts_feedback(cell: FeedbackCell) -> None:
     """Centre, limits and gains are sent before the new start."""
-    stop = (Com.FEEDBACK, int(FeedbackSwitch.STOP))
     start = (Com.FEEDBACK, int(FeedbackSwitch.ORIENTATION))
     gains = [(Com.GAINS, 0), (Com.GAINS, 1)]
-    assert cell.commands_after("orientation") == [stop, (Com.TCP, 1), *gains, start]
+    assert cell.commands_after("orientation") == [STOP, (Com.TCP, 1), *gains, start]
 
 
 def test_a_permission_for_the_pc_does_not_permit_the_controller(cell: FeedbackCell) -> None:
@@ -113,7 +110,7 @@ def test_force_feedback_without_a_wrench_ends_the_lease(cell: FeedbackCell) -> N
 
 def test_feedback_that_the_controller_ended_by_itself_needs_a_new_lease(cell: FeedbackCell) -> None:
     """Only an operator starts it again."""
-    cell.controller.end_feedback()
+    cell.controller._status &= ~FEEDBACK_BITS
     assert cell.commands_after() == [(Com.HOLD, 0)]
     assert cell.world.codes >= {"feedback"}
 
@@ -124,12 +121,8 @@ def test_no_set_point_is_sent_until_feedback_has_ended(cell: FeedbackCell) -> No
     cell.controller.notes.clear()
     world.send(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
     world.live(1)
-    assert (Com.SET_POINT, 0) not in cell.controller.notes
+    assert cell.controller.notes == [STOP]
     assert world.gateway.verdict.hold_code == ""
-
-
-def test_a_set_point_without_a_pose_ends_the_lease(cell: FeedbackCell) -> None:
-    """Its code is `malformed`."""
-    cell.world.send(cell.world.permitted("setpoint"))
-    cell.world.live(2)
-    assert "malformed" in cell.world.codes
+    world.send(world.permitted("setpoint"))
+    world.live(2)
+    assert "malformed" in world.codes  # one without a pose

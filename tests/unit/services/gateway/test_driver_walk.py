@@ -4,29 +4,22 @@ The check is in tests/fakes/gateway_world.py: no motion without a valid permissi
 ended lease, the first set point at the arm's pose, IDs without a gap, holds with a reason.
 """
 
-from math import inf, nan
+from math import nan
 from typing import Any
 
 import numpy as np
-import pytest
-from hypothesis import Phase, settings
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
     initialize,
     precondition,
     rule,
-    run_state_machine_as_test,
 )
 
-from common.motion.permission import CommandGate, GateDecision
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status
 from forcemesh.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
-from forcemesh.reader import Reader, Reading
-from services.gateway.dialogue import Dialogue
-from services.gateway.driver import Driver
-from services.gateway.setpoint_shaper import SetpointShaper
 from tests.contract.rig import DEADLINE_S, goal
 from tests.fakes.gateway_world import GatewayWorld
 
@@ -232,124 +225,16 @@ class GatewayMachine(RuleBasedStateMachine):
         self.world.live(n)
 
 
-SETTINGS = settings(max_examples=100, stateful_step_count=40)
 TestGatewayMachine = GatewayMachine.TestCase
-TestGatewayMachine.settings = SETTINGS
+TestGatewayMachine.settings = settings(max_examples=100, stateful_step_count=40)
 
 
-# --- mutations are detected -----------------------------------------------------------------------
-
-
-def forget_ended_leases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forget ended leases."""
-    monkeypatch.setattr(
-        CommandGate, "_refuse", lambda gate, why: GateDecision(None, why, gate._accepted)
-    )
-
-
-def ignore_deadlines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ignore the deadlines of reader and permission."""
-    original_read = Reader.read
-
-    def read(reader: Reader[Any], now_ns: int) -> Reading[Any]:
-        reader.stale_after_s = inf
-        return original_read(reader, now_ns)._replace(age_s=0.0)
-
-    monkeypatch.setattr(Reader, "read", read)
-
-
-def send_no_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Send no hold to the controller."""
-    monkeypatch.setattr(Driver, "hold", lambda driver, reason, now_ns: None)
-
-
-def continue_streams(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Continue a stream after a hold as if it had not been interrupted."""
-    original_hold = Driver.hold
-
-    def hold(driver: Driver, reason: str, now_ns: int) -> None:
-        streaming = driver._streaming
-        original_hold(driver, reason, now_ns)
-        driver._streaming = streaming
-
-    monkeypatch.setattr(Driver, "hold", hold)
-
-
-def beat_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Send heartbeats while the gateway holds."""
-    original_hold = Driver.hold
-
-    def hold(driver: Driver, reason: str, now_ns: int) -> None:
-        original_hold(driver, reason, now_ns)
-        driver._send(driver._dialogue.tick(now_ns, permitted=True), now_ns)
-
-    monkeypatch.setattr(Driver, "hold", hold)
-
-
-def lose_packets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use an ID without sending its packet: speeds are lost."""
-    monkeypatch.setattr(Dialogue, "set_speed", lambda dialogue, speed, now_ns: _numbered(dialogue))
-
-
-def _numbered(dialogue: Dialogue) -> bytes:
-    dialogue.window.last += 1
-    return b""
-
-
-def hold_without_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hold without a code."""
-    original_refuse = CommandGate._refuse
-    monkeypatch.setattr(
-        CommandGate,
-        "_refuse",
-        lambda gate, why: original_refuse(gate, why)._replace(hold=why.replaced(code="")),
-    )
-
-
-@pytest.mark.parametrize(
-    "mutate",
-    [
-        forget_ended_leases,
-        ignore_deadlines,
-        send_no_hold,
-        beat_without_permission,
-        lose_packets,
-        hold_without_code,
-    ],
-)
-def test_a_mutation_of_the_gateway_is_detected(
-    mutate: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each mutation of the real gateway fails a check."""
-    mutate(monkeypatch)
-    quick = settings(
-        SETTINGS, max_examples=300, phases=[Phase.generate], derandomize=True, database=None
-    )
-    with pytest.raises(AssertionError):
-        run_state_machine_as_test(GatewayMachine, settings=quick)
-
-
-def stream_after_a_hold() -> GatewayMachine:
-    """Hold a stream, and begin the next lease with a set point at once."""
+def test_a_stream_after_a_hold_begins_where_the_arm_is() -> None:
+    """With the next lease's first command at once; the random sequence rarely leads there."""
     machine = GatewayMachine()
     machine.begin()
     machine.stream(16, 1e-3, 1e-3, anew=False)
     machine.hold()
     machine.live(5)
     machine.stream_at_once(8, 2e-3)
-    return machine
-
-
-def test_a_stream_that_continues_after_a_hold_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Driver and shaper both end a stream: without one nothing is sent, without both it jumps.
-
-    The random sequence rarely leads there.
-    """
-    assert stream_after_a_hold().world.gateway._driver._shaper._flows
-    continue_streams(monkeypatch)
-    driver = stream_after_a_hold().world.gateway._driver
-    assert driver._streaming
-    assert not driver._shaper._flows
-    monkeypatch.setattr(SetpointShaper, "end", lambda shaper: None)
-    with pytest.raises(AssertionError, match="the first one jumps"):
-        stream_after_a_hold()
+    assert machine.world.gateway._driver.sent is not None

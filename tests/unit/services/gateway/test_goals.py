@@ -13,8 +13,6 @@ from forcemesh.messages import Goal
 from services.gateway import goals
 from services.gateway.goals import ControllerReport, Track
 from services.gateway.packet_window import NONE_YET
-from tests.contract.rig import pose_goal, shifted
-from tests.fakes.gateway_cell import a_cell
 
 START = pin.SE3(np.eye(3), np.array([0.0, 0.5, 0.3]))
 END = pin.SE3(np.eye(3), np.array([0.1, 0.5, 0.3]))
@@ -94,20 +92,3 @@ def test_relative_joints_start_from_the_angles_at_sending() -> None:
     goal = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
     track = goals.sent(goal, PACKET, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0)
     assert track.joint_target_rad == pytest.approx((1.1, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
-def test_a_goal_during_another_goal_is_refused_and_the_arm_brakes() -> None:
-    """A client stops before it changes the goal: the controller would finish the first one."""
-    rig = a_cell().rig
-    rig.connect()
-    rig.arm()
-    start = rig.T
-    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
-    rig.until(lambda: rig.T.translation[2] > start.translation[2] + 0.01)
-    rig.send("goal", goal=pose_goal(2, shifted(start, z_m=-0.1)))
-    rig.until(lambda: rig.state.goal.id == 2)
-    assert rig.state.goal.state == "refused"
-    assert rig.is_at_rest()
-    assert start.translation[2] < rig.T.translation[2] < start.translation[2] + 0.05
-    rig.advance(0.5)
-    assert (rig.state.goal.id, rig.state.goal.state) == (2, "refused")

@@ -7,8 +7,11 @@ import errno
 import fcntl
 import os
 import socket
+import struct
+from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -20,12 +23,87 @@ from services.gateway.link import (
     LinkEvents,
     LinkSettings,
 )
-from tests.fakes.scripted_socket import THERE, ScriptedSocket
 
 MS = 1_000_000
+HERE, THERE = ("192.168.0.1", 40_000), ("192.168.0.2", 49_152)
 SETTINGS = LinkSettings(*THERE)
 PACKET = b"x" * PACKET_CHARS
 NAME = "controller 192.168.0.2:49152: "
+SILENT_MS, PAUSE_MS = 1e3 * SETTINGS.silent_after_s, 1e3 * SETTINGS.pause_first_s
+STALLED_MS = 1e3 * SETTINGS.stalled_after_s
+RESET = ConnectionResetError(errno.ECONNRESET, "reset by peer")
+
+
+def reply(answer: Any) -> Any:
+    """Return a scripted answer, or raise it."""
+    if isinstance(answer, OSError):
+        raise answer
+    return answer
+
+
+class ScriptedSocket:
+    """A client's socket with scripted answers of the kernel: socket(7), tcp(7)."""
+
+    def __init__(self) -> None:
+        """Succeed at connect; accept and acknowledge everything."""
+        self.connects: deque[int | OSError] = deque()  # answers of connect_ex, then 0
+        self.arrived: deque[bytes | OSError] = deque()  # data of each recv, then nothing
+        self.room: int | OSError = 1 << 30  # bytes that the kernel accepts from now on
+        self.confirms = True  # whether the far end acknowledges accepted bytes
+        self.outq_error: OSError | None = None  # of the ioctl that reads the unacknowledged bytes
+        self.own_name: tuple[str, int] | OSError = HERE
+        self.options: list[tuple[Any, ...]] = []
+        self.taken = b""
+        self.receives = self._confirmed = 0
+        self.closed = False
+
+    def settimeout(self, timeout_s: float) -> None:
+        """Store the time-out."""
+        self.options.append((timeout_s,))
+
+    def setsockopt(self, *option: Any) -> None:
+        """Store the option."""
+        self.options.append(option)
+
+    def connect_ex(self, address: tuple[str, int]) -> int:
+        """Return the next reply; name resolution raises."""
+        assert address == THERE
+        return int(reply(self.connects.popleft()) if self.connects else 0)
+
+    def recv(self, most: int) -> bytes:
+        """Return the bytes that have arrived."""
+        self.receives += 1
+        data: bytes = reply(self.arrived.popleft() if self.arrived else BlockingIOError())
+        assert len(data) <= most
+        return data
+
+    def send(self, data: bytes) -> int:
+        """Accept as many bytes as there is room for."""
+        room = min(int(reply(self.room)), len(data))
+        if room == 0:
+            raise BlockingIOError(errno.EAGAIN, "no room")
+        self.room = int(reply(self.room)) - room
+        self.taken += data[:room]
+        return room
+
+    def getsockname(self) -> Any:
+        """Return this end's address."""
+        return reply(self.own_name)
+
+    def getpeername(self) -> tuple[str, int]:
+        """Return the other end's address."""
+        return THERE
+
+    def close(self) -> None:
+        """Close the socket."""
+        self.closed = True
+
+    def outq(self, _request: int, _argument: bytes) -> bytes:
+        """Return the number of unacknowledged bytes, like SIOCOUTQ."""
+        reply(self.outq_error)
+        if self.confirms:
+            self._confirmed = len(self.taken)
+        return struct.pack("i", len(self.taken) - self._confirmed)
 
 
 class Line:
@@ -46,11 +124,6 @@ class Line:
         self.sockets.append(sock)
         return sock
 
-    @property
-    def socket(self) -> ScriptedSocket:
-        """Return the newest socket."""
-        return self.sockets[-1]
-
     def poll(self, after_ms: float = 0.0) -> LinkEvents:
         """Poll after a time."""
         self.now_ns += round(after_ms * MS)
@@ -63,7 +136,15 @@ class Line:
     def opened(self) -> ScriptedSocket:
         """Connect; return the socket."""
         assert self.poll().opened
-        return self.socket
+        return self.sockets[-1]
+
+    def stalled(self, packets: int) -> ScriptedSocket:
+        """Connect and send packets that the peer's TCP does not acknowledge."""
+        sock = self.opened()
+        sock.confirms = False
+        for _ in range(packets):
+            assert self.send()
+        return sock
 
 
 @pytest.fixture
@@ -77,9 +158,8 @@ def line(monkeypatch: pytest.MonkeyPatch) -> Line:
 
 def test_the_loop_never_waits_for_the_line(line: Line) -> None:
     """The socket does not block, and Nagle delays no set point."""
-    sock = line.opened()
-    assert sock.timeouts_s == [0.0]
-    assert sock.options == [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+    nodelay = (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    assert line.opened().options == [(0.0,), nodelay]
 
 
 @pytest.mark.parametrize("done", [0, errno.EISCONN])
@@ -95,32 +175,31 @@ def test_an_address_that_does_not_answer_is_abandoned_after_its_time(line: Line)
     line.prepare = lambda sock: sock.connects.extend([errno.EINPROGRESS] * 100)
     line.poll()
     line.poll(1e3 * SETTINGS.connect_within_s)
-    assert not line.socket.closed
+    assert not line.sockets[0].closed
     assert line.poll(1e-3) == LinkEvents()
-    assert line.link.last_fault == NAME + "no answer"
-    assert line.socket.closed
-    line.poll(1e3 * SETTINGS.pause_first_s - 1e-3)
+    assert (line.link.last_fault, line.sockets[0].closed) == (NAME + "no answer", True)
+    line.poll(PAUSE_MS - 1e-3)
     assert len(line.sockets) == 1
     line.poll(1e-3)
     assert len(line.sockets) == 2
 
 
-@pytest.mark.parametrize("code", [errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH])
-def test_a_refused_connection_reports_the_cause_and_the_check(line: Line, code: int) -> None:
-    """The fault has the kernel's text and the address."""
-    line.prepare = lambda sock: sock.connects.append(code)
-    assert line.poll() == LinkEvents()
-    assert line.link.last_fault == f"{NAME}{os.strerror(code)}, is its program running?"
-    assert line.socket.closed
-
-
-def test_a_name_that_does_not_resolve_is_tried_again(line: Line) -> None:
-    """The name service may recover later."""
-    answers: list[int | OSError] = [socket.gaierror(-2, "Name or service not known"), 0]
+@pytest.mark.parametrize(
+    ("cause", "fault"),
+    [
+        (errno.ECONNREFUSED, f"{os.strerror(errno.ECONNREFUSED)}, is its program running?"),
+        (socket.gaierror(-2, "Name or service not known"), "[Errno -2] Name or service not known"),
+    ],
+)
+def test_a_failed_connection_reports_the_cause_and_is_tried_again(
+    line: Line, cause: int | OSError, fault: str
+) -> None:
+    """The fault has the address and the kernel's text, or that of the name service."""
+    answers: list[int | OSError] = [cause, 0]
     line.prepare = lambda sock: sock.connects.append(answers.pop(0))
     assert line.poll() == LinkEvents()
-    assert "Name or service not known" in line.link.last_fault
-    assert line.poll(1e3 * SETTINGS.pause_first_s).opened
+    assert (line.link.last_fault, line.sockets[0].closed) == (NAME + fault, True)
+    assert line.poll(PAUSE_MS).opened
 
 
 def test_a_connection_to_itself_is_no_controller(line: Line) -> None:
@@ -138,7 +217,7 @@ def test_a_connection_lost_before_the_first_poll_is_reported_by_its_first_receiv
 
     def lose(sock: ScriptedSocket) -> None:
         sock.own_name = OSError(errno.ENOTCONN, "not connected")
-        sock.arrived.append(ConnectionResetError(errno.ECONNRESET, "reset by peer"))
+        sock.arrived.append(RESET)
 
     line.prepare = lose
     assert line.poll() == LinkEvents(opened=True, lost=NAME + "reset by peer")
@@ -160,11 +239,7 @@ def test_a_flood_of_data_is_limited_in_each_step(line: Line) -> None:
 
 @pytest.mark.parametrize(
     ("end", "message"),
-    [
-        (b"", "closed by the controller"),
-        (ConnectionResetError(errno.ECONNRESET, "reset by peer"), "reset by peer"),
-        (TimeoutError("timed out"), "timed out"),
-    ],
+    [(b"", "closed by the controller"), (RESET, "reset by peer"), (TimeoutError("out"), "out")],
 )
 def test_data_before_the_end_is_reported_with_it(
     line: Line, end: bytes | OSError, message: str
@@ -177,23 +252,16 @@ def test_data_before_the_end_is_reported_with_it(
 
 
 def test_silence_ends_a_connection_and_any_byte_keeps_it(line: Line) -> None:
-    """At the limit the connection stays; beyond it the controller counts as frozen."""
-    sock = line.opened()
-    for _ in range(3):
-        assert line.poll(1e3 * SETTINGS.silent_after_s) == LinkEvents(data=b"")
-        sock.arrived.append(b"y")
-        assert line.poll().data == b"y"
-    assert line.poll(1e3 * SETTINGS.silent_after_s + 1e-3).lost == NAME + "silent for 1.5 s"
-    assert sock.closed
-
-
-def test_silence_counts_from_the_opening_of_the_connection(line: Line) -> None:
-    """A slow connection is not closed for the time of its opening."""
+    """It counts from the opening, however slow; at the limit itself the connection stays."""
     line.prepare = lambda sock: sock.connects.append(errno.EINPROGRESS)
     line.poll()
     assert line.poll(1e3 * SETTINGS.connect_within_s).opened
-    assert line.poll(1e3 * SETTINGS.silent_after_s).lost == ""
-    assert line.poll(1e-3).lost == NAME + "silent for 1.5 s"
+    for _ in range(3):
+        assert line.poll(SILENT_MS) == LinkEvents()
+        line.sockets[0].arrived.append(b"y")
+        assert line.poll().data == b"y"
+    assert line.poll(SILENT_MS + 1e-3).lost == NAME + "silent for 1.5 s"
+    assert line.sockets[0].closed
 
 
 # --- sending --------------------------------------------------------------------------------------
@@ -207,7 +275,7 @@ def test_without_a_connection_nothing_is_kept_for_the_next_one(line: Line) -> No
     assert line.send(b"abcdef")
     sock.arrived.append(b"")
     line.poll(2.0)
-    line.poll(1e3 * SETTINGS.pause_first_s)
+    line.poll(PAUSE_MS)
     assert line.send(b"new")
     assert [each.taken for each in line.sockets] == [b"abc", b"new"]
 
@@ -224,98 +292,77 @@ def test_bytes_that_the_kernel_refuses_follow_in_their_order(line: Line) -> None
     assert sock.taken == b"abcdefghi"
 
 
-def test_a_line_that_breaks_while_sending_is_reported_by_the_next_poll(line: Line) -> None:
-    """`send` returns False; nothing is raised, and the next poll has the reason."""
-    line.opened().room = BrokenPipeError(errno.EPIPE, "Broken pipe")
-    assert not line.send()
-    assert line.poll(2.0) == LinkEvents(lost=NAME + "Broken pipe")
-    assert line.poll(2.0) == LinkEvents()
-
-
-def test_a_line_that_breaks_while_the_rest_is_sent_is_reported_at_once(line: Line) -> None:
-    """The same poll reports it and does not use the closed socket."""
+@pytest.mark.parametrize("room", [0, 1])
+def test_a_line_that_breaks_while_sending_is_reported_by_the_next_poll(
+    line: Line, room: int
+) -> None:
+    """`send` raises nothing, also for the rest of a packet, and the closed socket is not used."""
     sock = line.opened()
-    sock.room = 1
+    sock.room = room
     assert line.send()
-    sock.room = ConnectionResetError(errno.ECONNRESET, "reset by peer")
+    sock.room = RESET
+    assert line.send() is False
     assert line.poll(2.0) == LinkEvents(lost=NAME + "reset by peer")
+    assert line.poll(2.0) == LinkEvents()
     assert sock.closed
+    assert line.poll(PAUSE_MS).opened
+    line.sockets[-1].room = room
+    assert line.send()
+    line.sockets[-1].room = RESET
+    assert line.poll(2.0) == LinkEvents(lost=NAME + "reset by peer")
 
 
 # --- packets that the peer does not acknowledge ---------------------------------------------------
 
 
-def stalled(line: Line, packets: int) -> ScriptedSocket:
-    """Send packets that the peer's TCP does not acknowledge."""
-    sock = line.opened()
-    sock.confirms = False
-    for _ in range(packets):
-        assert line.send()
-    return sock
-
-
 def test_unacknowledged_packets_end_the_connection_after_their_time(line: Line) -> None:
     """Their age counts from the first one; set points must not pile up behind a closed window."""
-    sock = stalled(line, packets=2)
-    limit_ms = 1e3 * SETTINGS.stalled_after_s
-    assert line.poll(limit_ms).lost == ""
+    line.stalled(packets=2)
+    assert line.poll(STALLED_MS).lost == ""
     assert line.poll(1.0).lost == f"{NAME}{2 * PACKET_CHARS} bytes not acknowledged for 201 ms"
-    assert sock.closed
 
 
 def test_one_packet_in_flight_is_no_stall(line: Line) -> None:
     """An acknowledgement may be delayed for longer; the silence of the peer has its own limit."""
-    stalled(line, packets=1)
-    assert line.poll(1e3 * SETTINGS.silent_after_s).lost == ""
+    line.stalled(packets=1)
+    assert line.poll(SILENT_MS).lost == ""
 
 
-def test_bytes_that_the_kernel_has_no_room_for_count_as_unacknowledged(line: Line) -> None:
-    """They wait in this process and have the age of the unacknowledged packets."""
-    sock = line.opened()
+def test_without_the_count_of_unacknowledged_bytes_those_kept_here_are_still_counted(
+    line: Line,
+) -> None:
+    """Bytes that the kernel has no room for wait in this process, and have an age as well."""
+    sock = line.stalled(packets=5)
+    sock.outq_error = OSError(errno.ENOTTY, "no such request")
+    assert line.poll(STALLED_MS + 1.0).lost == ""
     sock.room = 0
-    assert line.send()
-    assert line.send()
-    lost = line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost
-    assert f"{2 * PACKET_CHARS} bytes not acknowledged" in lost
+    for _ in range(2):
+        assert line.send()
+    assert f"{2 * PACKET_CHARS} bytes not acknowledged" in line.poll(STALLED_MS + 1.0).lost
 
 
 def test_a_peer_that_acknowledges_in_parts_is_never_stalled(line: Line) -> None:
     """The age is that of the oldest packet in flight and not of an earlier stall."""
-    sock = stalled(line, packets=2)
+    sock = line.stalled(packets=2)
     for _ in range(10):
         sock.confirms = True
-        assert line.poll(0.6e3 * SETTINGS.stalled_after_s).lost == ""
+        assert line.poll(0.6 * STALLED_MS).lost == ""
         sock.confirms = False
         assert line.send()
         assert line.send()
-        assert line.poll(0.6e3 * SETTINGS.stalled_after_s).lost == ""
+        assert line.poll(0.6 * STALLED_MS).lost == ""
         sock.arrived.append(b"y")
 
 
 def test_packets_of_the_old_connection_do_not_count_for_the_new_one(line: Line) -> None:
     """Only the age of the new connection's packets counts."""
-    sock = stalled(line, packets=2)
-    sock.arrived.append(b"")
+    line.stalled(packets=2).arrived.append(b"")
     assert line.poll(1.0).lost
-    line.poll(1e3 * SETTINGS.stalled_after_s)
-    assert line.link.is_open
-    line.socket.confirms = False
+    line.poll(STALLED_MS)
+    line.sockets[-1].confirms = False
     assert line.send()
     assert line.send()
-    assert line.poll(1e3 * SETTINGS.stalled_after_s).lost == ""
-
-
-def test_without_the_count_of_unacknowledged_bytes_the_rest_is_still_checked(
-    line: Line,
-) -> None:
-    """Without the ioctl only the packets kept in this process count."""
-    sock = stalled(line, packets=5)
-    sock.outq_error = OSError(errno.ENOTTY, "no such request")
-    assert line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost == ""
-    sock.room = 0
-    for _ in range(2):
-        assert line.send()
-    assert "bytes not acknowledged" in line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost
+    assert line.poll(STALLED_MS).lost == ""
 
 
 # --- pauses ---------------------------------------------------------------------------------------
@@ -341,4 +388,4 @@ def test_a_link_that_is_closed_before_it_was_open_loses_nothing(line: Line) -> N
     """The gateway closes the link at its end, in any state of the link."""
     line.link.close("the gateway ends", 0)
     assert line.link.last_fault == "the gateway ends"
-    assert line.poll(1e3 * SETTINGS.pause_first_s).lost == ""
+    assert line.poll(PAUSE_MS).lost == ""

@@ -1,12 +1,15 @@
-"""Round trips and rates: measured values, their age, and bounded memory."""
+"""Packets in flight: numbers and IDs that wrap, round trips, rates, and bounded memory."""
 
+import random
+from collections import deque
 from fractions import Fraction
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.packet_table import COMMANDS, NO_ID, Com, FeedbackSwitch
+from controller import packet_table
+from controller.packet_table import ID_FIRST, Com
 from forcemesh.clock import NS_PER_S
 from services.gateway.packet_window import (
     DROP_AFTER_S,
@@ -17,6 +20,7 @@ from services.gateway.packet_window import (
     Rate,
     RoundTrips,
     WrappingCounterRate,
+    id_of,
 )
 from tests.fakes.dialogues import (
     MS,
@@ -30,6 +34,7 @@ from tests.fakes.dialogues import (
     pose_report,
 )
 
+RING = 200  # of IDs in these tests: the same arithmetic, through in a moment
 delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
 firsts = st.integers(0, 3_000_000)
 
@@ -73,29 +78,6 @@ def test_an_echo_confirms_all_packets_before_it(
     assert len(trips._times) == count
 
 
-@given(firsts)
-def test_no_time_is_known_before_an_echo(first: int) -> None:
-    """Numbers of unsent or earlier packets give no time."""
-    trips, (before, id_) = RoundTrips(), consecutive(first, 2)
-    assert trips.spread(0) is None
-    trips.sent(id_, 0)
-    for no_echo in (NONE_YET, before):
-        trips.reached(no_echo, MS)
-        assert (trips.spread(MS), trips.last_s) == (None, None)
-
-
-def test_voided_packets_are_not_awaited() -> None:
-    """The time until a later echo would be no round trip."""
-    trips = RoundTrips()
-    trips.sent(1, 0)
-    trips.in_flight.clear()
-    trips.sent(2, 10 * MS)
-    trips.reached(2, 13 * MS)
-    spread = trips.spread(13 * MS)
-    assert spread is not None
-    assert spread.p99_s == pytest.approx(0.003)
-
-
 def test_old_times_are_dropped() -> None:
     """Times from a minute ago do not count."""
     trips = RoundTrips()
@@ -117,26 +99,6 @@ def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
         trips.sent(id_, 0)
         trips.reached(id_, 0)
     assert len(trips.in_flight) + len(trips._times) <= MOST_IN_FLIGHT + MOST_TIMES
-
-
-@pytest.mark.parametrize("com", sorted(COMMANDS))
-def test_each_command_has_its_echo(com: Com) -> None:
-    """The receiver frames all packets; the robot program takes those of the ring."""
-    window = PacketWindow(NO_ID)
-    window.sent(com, 0, 0, streamed=False)
-    for trips in (window.receipts, window.executions):
-        trips.reached(window.last, MS)
-    assert window.receipts.last_s == pytest.approx(0.001)
-    at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT, Com.SIGNAL}
-    assert (window.executions.last_s is None) == (com in at_once)
-
-
-def test_the_stop_of_force_feedback_is_framed_only() -> None:
-    """Command 7 with Param 2 does not enter the ring."""
-    window = PacketWindow(NO_ID)
-    window.sent(Com.FEEDBACK, FeedbackSwitch.STOP, 0, streamed=False)
-    window.executions.reached(window.last, MS)
-    assert window.executions.last_s is None
 
 
 def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
@@ -187,17 +149,6 @@ def test_a_steady_rate_is_found_to_one_event(rate_hz: float, duration_s: float) 
     assert len(rate._marks) <= 40
 
 
-@given(st.lists(st.integers(0, 50 * MS), min_size=1, max_size=15))
-def test_a_rate_is_unknown_before_one_second_of_measurement(gaps_ns: list[int]) -> None:
-    """Before that there is no value, neither zero nor infinity."""
-    rate, now_ns = Rate(), 0
-    assert rate.hz(0) is None
-    for gap_ns in gaps_ns:
-        now_ns += gap_ns
-        rate.count(1, now_ns)
-        assert rate.hz(now_ns) is None
-
-
 def test_a_change_of_rate_shows_within_the_window() -> None:
     """Half a minute of 100/s does not hide the present 10/s, and silence becomes zero."""
     rate = Rate()
@@ -217,3 +168,72 @@ def test_a_wrapping_counter_is_followed(start: int, steps: list[int]) -> None:
         turns.read(value, k * 100 * MS)
     now_ns = (len(steps) - 1) * 100 * MS
     assert turns.hz(now_ns) == pytest.approx(sum(steps[1:]) / (now_ns / NS_PER_S))
+
+
+@pytest.fixture
+def _small_ring(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packet_table, "ID_COUNT", RING)
+
+
+def begun(start: int = 0) -> PacketWindow:
+    """Return the window of a connection whose hello has been echoed."""
+    window = PacketWindow(ID_FIRST + start)
+    window.begin()
+    window.sent(Com.HELLO, 0, 0, streamed=False)
+    window.framed_up_to(id_of(window.last), 0)
+    window.taken_up_to(id_of(window.last), 0)
+    return window
+
+
+@pytest.mark.usefixtures("_small_ring")
+@pytest.mark.parametrize("start", [0, 1, 99, 100, 198, 199])
+def test_ids_wrap_many_times_without_effect(start: int) -> None:
+    """A dozen rings of set points and wrenches; each echo denotes the packet that was sent."""
+    rng, window, pending = random.Random(start), begun(start), deque[int]()
+    framed = taken = window.last
+    while window.last < 12 * RING:
+        is_set_point = rng.random() < 0.5 and window.last - taken < RING - 1
+        if window.last - framed < RING - 1:
+            com = Com.SET_POINT if is_set_point else Com.WRENCH
+            window.sent(com, 0, 0, streamed=is_set_point)
+            pending += [window.last] * is_set_point
+        if rng.random() < 0.5:
+            framed = rng.randint(framed, window.last)
+            window.framed_up_to(id_of(framed), 0)
+            assert window.number_of(id_of(framed)) == framed
+        if pending and pending[0] <= framed and rng.random() < 0.7:
+            taken = pending.popleft()
+        window.taken_up_to(id_of(taken), 0)
+        assert (window.framed, window.taken) == (framed, taken)
+        assert window.unacknowledged == window.last - framed
+        assert window.unexecuted == len(pending)
+
+
+@pytest.mark.usefixtures("_small_ring")
+@pytest.mark.parametrize("beats", range(0, 2 * RING + 50, 23))
+def test_a_packet_is_not_executed_early_after_any_number_of_heartbeats(beats: int) -> None:
+    """The last one executed may be more than a ring of packets old."""
+    window = begun()
+    taken = id_of(window.last)
+    for _ in range(beats):
+        window.sent(Com.HEARTBEAT, 0, 0, streamed=False)
+        window.framed_up_to(id_of(window.last), 0)
+        window.taken_up_to(taken, 0)
+    window.sent(Com.SET_POINT, 0, 0, streamed=True)
+    window.taken_up_to(taken, 0)
+    assert window.unexecuted == 1
+    window.taken_up_to(id_of(window.last), 0)
+    assert (window.unexecuted, window.taken) == (0, window.last)
+
+
+def test_ids_of_an_earlier_connection_do_not_count() -> None:
+    """A controller that still reports an old ID has executed none of the new packets."""
+    window = begun(500)
+    window.begin()
+    window.sent(Com.HELLO, 0, 0, streamed=False)
+    window.sent(Com.SET_POINT, 0, 0, streamed=True)
+    for stale in (window.last - 3, window.last - 2, window.last + 1):
+        window.taken_up_to(id_of(stale), 0)
+        assert (window.unexecuted, window.taken) == (1, NONE_YET)
+    window.taken_up_to(id_of(window.last - 1), 0)  # the hello itself
+    assert window.unexecuted == 1

@@ -49,15 +49,6 @@ def test_numbers_are_counted_in_whole_units_without_scales(com, ours, theirs) ->
     assert commands().translated(packet(com, 0, ours)) == (Command(com, 0, theirs),)
 
 
-def test_scales_make_them_finer() -> None:
-    """Each number has its own."""
-    fine = commands(position_per_mm=10, oat_per_deg=100, gain_i=1000)
-    (moved,) = fine.translated(packet(Com.MOVE_POSE, 0, (25_001, 0, 0, 0, 0, 45_005)))
-    assert moved.vec == (5000, 0, 0, 0, 0, 9001)
-    (sent,) = fine.translated(packet(Com.GAINS, 1, (GAIN_I, 0, 0, 0, 0, 5)))
-    assert sent == Command(Com.GAINS, 1, (1000, 0, 0, 0, 0, 1))
-
-
 @pytest.mark.parametrize("com", sorted(COMMANDS - {Com.SET_POINT}))
 def test_only_commands_of_the_specification_are_sent(com) -> None:
     """Hello, limits, TCP, heartbeat and set point of force become nothing."""
@@ -103,11 +94,6 @@ def test_force_feedback_runs_at_its_own_speed_and_a_motion_at_the_commanded_one(
     goal = made.translated(packet(Com.MOVE_JOINTS))
     assert goal == (*fast, Command(Com.MOVE_JOINTS))
     assert made.translated(packet(Com.MOVE_JOINTS)) == (Command(Com.MOVE_JOINTS),)
-
-
-def test_a_speed_commanded_after_force_feedback_is_not_repeated() -> None:
-    """It is the one that holds."""
-    made = commands()
     made.translated(packet(Com.FEEDBACK, 0))
     made.translated(packet(Com.SPEEDS, 0, FAST))
     assert made.translated(packet(Com.MOVE_JOINTS)) == (Command(Com.MOVE_JOINTS),)

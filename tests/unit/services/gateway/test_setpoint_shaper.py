@@ -2,6 +2,7 @@
 
 import random
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from common.config.load import load_cell
 from common.motion.frames import rotation_between, rotation_from_vector
 from forcemesh.faults import tripped
-from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
+from services.gateway.setpoint_shaper import CatchUp, SetpointShaper, Steps
 from tests.contract.rig import DEMO_CELL, shifted
 from tests.fuzz.judges import CommandedPath
 
@@ -20,16 +21,15 @@ CELL = load_cell(DEMO_CELL)
 LIMITS = CELL.limits
 DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.5, 0.3]))
 MS = 1_000_000
-SentAt = tuple[int, pin.SE3]
 
 
 def accept_any(_: pin.SE3) -> None:
     """Accept every pose."""
 
 
-def begun_shaper(limits=LIMITS) -> SetpointShaper:
+def begun_shaper(limits=LIMITS, step: Steps = (inf, inf)) -> SetpointShaper:
     """Return a stream that has begun at rest."""
-    shaper = SetpointShaper(limits, accept_any)
+    shaper = SetpointShaper(limits, accept_any, step=step)
     assert shaper.seed(DOWN, 0) is None
     assert shaper.release(DOWN, 0) is DOWN
     return shaper
@@ -69,14 +69,18 @@ def test_every_sent_set_point_keeps_the_limits(seed: int, factor: float, anew: b
             assert broken == []
 
 
-@given(st.floats(0.001, 0.2), st.floats(0.0, 1.5), st.floats(0.05, 20.0), st.floats(0.01, 1.0))
+@given(
+    st.floats(0.001, 0.2), st.floats(0.0, 1.5), st.floats(0.05, 20.0), st.floats(0.01, 1.0),
+    st.floats(1e-3, 2e-2),
+)  # fmt: skip
 @settings(max_examples=60, deadline=None)
 def test_the_newest_set_point_is_always_reached(
-    far_m: float, turn_rad: float, accel_m_s2: float, speed_m_s: float
+    far_m: float, turn_rad: float, accel_m_s2: float, speed_m_s: float, step_m: float
 ) -> None:
-    """Any distance is sent in parts on a straight line, also with low limits."""
+    """Any distance is sent in steps on a straight line, also with low limits."""
     update = {"accel_m_s2": accel_m_s2, "speed_m_s": speed_m_s}
-    shaper, now_ns = begun_shaper(LIMITS.model_copy(update=update)), 0
+    steps = (step_m, 4.0 * step_m)
+    shaper, now_ns = begun_shaper(LIMITS.model_copy(update=update), steps), 0
     target = shifted(DOWN, x_m=far_m)
     target = pin.SE3(
         rotation_from_vector(np.array([0, 0, turn_rad])) @ DOWN.rotation, target.translation
@@ -90,6 +94,8 @@ def test_the_newest_set_point_is_always_reached(
     travels = [distance_m(DOWN, T) for T in poses]
     turns = [float(np.linalg.norm(rotation_between(DOWN.rotation, T.rotation))) for T in poses]
     assert travels == sorted(travels)
+    for values, most in ((travels, steps[0]), (turns, steps[1])):
+        assert max(after - before for before, after in pairwise([0.0, *values])) < most + 1e-6
     assert turns == pytest.approx([turn_rad * travel / far_m for travel in travels], abs=1e-6)
     assert all(distance_m(DOWN, T) + distance_m(T, target) == pytest.approx(far_m) for T in poses)
 

@@ -6,13 +6,12 @@ from hypothesis import strategies as st
 
 from common.config.signals import GROUP, INPUTS, OUTPUTS, SignalSection
 from controller.packet import Packet, encode
-from controller.packet_table import Com, SignalParam
+from controller.packet_table import Com
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
 from services.gateway.connection import ControllerConnection
-from services.gateway.dialogue import Dialogue
 from services.gateway.packets import SignalReport, parse_report
-from services.gateway.signals import STALE_AFTER_S, ControllerSignals, switch_output
+from services.gateway.signals import STALE_AFTER_S, ControllerSignals
 from tests.fakes.dialogues import KEPT, SCALES, joint_report, last_id, packets, pose_report
 from tests.unit.services.gateway.test_connection import FIT, STALE_S, ConnectionRig
 
@@ -48,15 +47,6 @@ class SignalRig(ConnectionRig):
 def rig() -> SignalRig:
     """A connection with signals."""
     return SignalRig()
-
-
-@given(st.sampled_from([*OUTPUTS]), st.booleans())
-def test_an_output_is_a_number_with_a_sign(number: int, on: bool) -> None:
-    """Positive for on, negative for off; it fits the packet."""
-    packet = switch_output(number, on=on).packet(500_000)
-    assert (packet.com, packet.param) == (Com.SIGNAL, SignalParam.SWITCH)
-    assert packet.vec == (number if on else -number, 0, 0, 0, 0, 0)
-    encode(packet)
 
 
 @given(st.data())
@@ -96,19 +86,6 @@ def test_the_groups_are_chosen_after_hello(rig: SignalRig) -> None:
     assert rig.sent[-1] == chosen[0]
 
 
-def test_a_report_is_read(rig: SignalRig) -> None:
-    """Output 9 is bit 8 of the first group."""
-    assert rig.connection.signals(rig.now_ns).code == "robot_link"
-    rig.signals()
-    reading = rig.connection.signals(rig.now_ns)
-    assert (reading.code, reading.on[9], reading.on[1001], reading.on[10]) == (
-        "",
-        True,
-        True,
-        False,
-    )
-
-
 def test_a_report_from_before_the_choice_is_ignored(rig: SignalRig) -> None:
     """It is of the groups of another connection."""
     rig.signals(before=1)
@@ -117,7 +94,9 @@ def test_a_report_from_before_the_choice_is_ignored(rig: SignalRig) -> None:
 
 def test_a_lost_link_makes_the_state_unknown(rig: SignalRig) -> None:
     """At once, and after the next hello until the next report."""
+    assert rig.connection.signals(rig.now_ns).code == "robot_link"
     rig.signals()
+    assert [rig.connection.signals(rig.now_ns).on[n] for n in (9, 10, 1001)] == [True, False, True]
     rig.receive(lost="cut by the test")
     rig.wire.sent = b""
     assert rig.connection.signals(rig.now_ns).code == "robot_link"
@@ -155,10 +134,3 @@ def test_a_number_that_is_no_group_ends_the_connection(group: int) -> None:
     packet = Packet(500_000, Com.SIGNALS, 0, (0, 0, group, 0, 0, 0))
     with pytest.raises(RemoteProtocolError, match=f"104 has {group} for a group"):
         parse_report(packet, SCALES)
-
-
-def test_nothing_is_sent_without_a_connection() -> None:
-    """The dialogue refuses; the service asks for the state before."""
-    dialogue = Dialogue(SCALES)
-    with pytest.raises(Exception, match="no connection"):
-        dialogue.command_now(switch_output(1, on=True), 0)

@@ -50,14 +50,8 @@ JUDGES = {
         "unit/common/motion/test_last_check_corners",
         "unit/common/motion/test_last_check_hostile",
     ),
-    "common.motion.tracking": (
-        "unit/common/motion/test_tracking",
-        "unit/forcemesh/test_faults_reached",
-    ),
-    "common.motion.unexplained": (
-        "unit/common/motion/test_unexplained",
-        "unit/forcemesh/test_faults_reached",
-    ),
+    "common.motion.tracking": ("unit/common/motion/test_tracking",),
+    "common.motion.unexplained": ("unit/common/motion/test_unexplained",),
     "controller.packet": ("unit/controller/test_packet",),
     "controller.packet_table": (
         "unit/controller/test_packet",
@@ -70,7 +64,6 @@ JUDGES = {
         "unit/tools/test_pages",
     ),
     "forcemesh.reader": (
-        "unit/forcemesh/test_reader_bounds",
         "unit/forcemesh/test_bus",
         "unit/forcemesh/test_reader_rivals",
         "unit/forcemesh/test_codec_misrouted",

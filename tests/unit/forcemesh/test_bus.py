@@ -8,14 +8,13 @@ from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
 from forcemesh import topics
-from forcemesh.bus import Origin
 from forcemesh.codec import encode
 from forcemesh.errors import BusError
 from forcemesh.messages import SensorWrench, WrenchAtTcp
 from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS
 from tests.fakes.bench import CELL
-from tests.fakes.line import STALE_S, Line
 from tests.fakes.records import full
+from tests.unit.forcemesh.conftest import STALE_S, Line
 from tests.unit.forcemesh.test_inbox import bus_of
 
 MS = 1_000_000
@@ -100,25 +99,6 @@ def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> No
     assert "stale" in line.read().fault
 
 
-def test_a_repeated_message_does_not_refresh_an_old_one(line: Line) -> None:
-    """A switch that plays the last packet again cannot keep a dead writer alive."""
-    line.deliver(1)
-    for _ in range(20):
-        line.clock.advance_ns(10 * MS)
-        assert not line.deliver(1)
-    assert "stale" in line.read().fault
-
-
-def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
-    """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
-    line.deliver(1, sensor_stamp_ns=123, sensor_seq=7)
-    assert line.read().origin == Origin(123, 7)
-    line.deliver(2, sensor_stamp_ns=124)
-    assert line.read().origin == Origin(124, 0)
-    line.deliver(3)
-    assert line.read().origin is None
-
-
 # --- what is accepted, what is counted ------------------------------------------------------------
 
 
@@ -173,23 +153,6 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
     assert line.reader.counters.last_error
     assert line.deliver(2)
     assert line.read().fresh is not None
-
-
-def test_only_the_newest_is_read() -> None:
-    """A reader that was busy finds the last of many; missed ones are counted."""
-    transport = MemoryTransport()
-    bus = bus_of("wrench", transport)
-    reader = bus.reader(topics.SENSOR_WRENCH)
-    publisher = bus_of("sensor", transport).publisher(topics.SENSOR_WRENCH)
-    for counter in range(1, 11):
-        publisher.put(SensorWrench(counter=counter))
-
-    assert reader.read(bus.clock.now_ns()).message == SensorWrench(counter=10)
-    assert not reader.poll()
-    publisher.put(SensorWrench(counter=11))
-    publisher.put(SensorWrench(counter=12))
-    assert reader.poll()
-    assert reader.counters.superseded == 1
 
 
 # --- roles ----------------------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode_record, encode
 from forcemesh.errors import BusError
-from tests.fakes.line import Line
 from tests.fakes.records import full
+from tests.unit.forcemesh.conftest import Line
 
 DEMO = Path(__file__).parents[3] / "cells" / "demo.yaml"
 
@@ -32,17 +32,6 @@ def test_a_message_of_another_topic_is_dropped():
     assert not reading.conflict
     assert line.reader.counters.misrouted == 1
     assert line.deliver(2)
-
-
-def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
-    """A stray now and then is nothing; strays all the time are a fault."""
-    line = Line()
-    assert line.deliver(1)
-    for seq in range(10):
-        line.deliver(seq, topic="demo/wrench")
-    reading = line.read()
-    assert reading.code == "bad_messages"
-    assert "10 addressed to another topic or cell" in reading.fault
 
 
 @pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)

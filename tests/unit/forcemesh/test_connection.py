@@ -1,11 +1,9 @@
 """Name and hub of a cell, from a cell file or from two words: all that a client needs."""
 
-import inspect
 from pathlib import Path
 
 import pytest
 
-import forcemesh
 from common.bus.configured_cell import ConfiguredCell
 from common.config.info import cell_info
 from common.config.load import load_cell
@@ -83,12 +81,3 @@ def test_the_hub_sends_a_client_the_facts_of_its_cell_file() -> None:
     assert client.info == ConfiguredCell(world.cell, bus=world.client).info
     with pytest.raises(LostError, match=r"did not answer other/info .* is other the cell's name\?"):
         ask_for_info(world.client.transport, "other", 0.1)
-
-
-def test_the_public_names_are_there_and_no_others() -> None:
-    """The names of `forcemesh` are loaded on first use; a wrong name is an AttributeError."""
-    for name in forcemesh.__all__:
-        assert getattr(forcemesh, name) is not None
-    assert inspect.isclass(forcemesh.Cell)
-    with pytest.raises(AttributeError, match="no attribute 'Robot'"):
-        getattr(forcemesh, "Robot")  # noqa: B009 - a wrong name is the point

@@ -5,13 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.faults import FAULTS
-from tests.fakes.line import STALE_S, Line
+from tests.unit.forcemesh.conftest import STALE_S, Line
 
 MS = 1_000_000
 A, B = 1, 2  # two processes that write one topic
 RESTART_S = 0.1  # two writers within this are two at once
 CONFLICT_S = 1.0
 BAD_MESSAGES = 5  # so many more bad ones than good ones are borne
+MOST_RETIRED = 64  # former writers that are remembered
 
 
 def pause_s(line: Line, duration_s: float) -> None:
@@ -77,6 +78,17 @@ def test_two_writers_in_any_order_are_reported_within_two_periods(gaps_ms: list[
         line.clock.advance_ns(gap_ms * MS)
         line.deliver(number, epoch=A if number % 2 else B)
         assert line.read().conflict
+
+
+def test_of_many_former_writers_the_newest_are_never_accepted(line: Line) -> None:
+    """The memory of them is bounded: a forgotten one is accepted, and is a second writer."""
+    for epoch in range(1, 200):
+        assert line.deliver(1, epoch=epoch)
+    for epoch in range(200 - MOST_RETIRED, 199):
+        assert not line.deliver(2, epoch=epoch)
+    assert line.reader.counters.retired == MOST_RETIRED - 1
+    assert line.deliver(7, epoch=1)
+    assert line.read().conflict
 
 
 # --- duplicated, reordered, spoilt (H14, H15) -----------------------------------------------------

@@ -1,30 +1,22 @@
 """JSON Schema of the messages on the bus: it holds for every message, and the hub publishes it."""
 
 import json
-import socket
-import threading
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
-import zenoh
 from jsonschema import Draft202012Validator
 from msgspec.structs import fields
 
-from common.bus.cell_bus import open_hub
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
 from forcemesh.codec import Envelope, Header, encode, encode_record
 from forcemesh.requests import Reply
-from forcemesh.schema import describe, describer, topic_schema
+from forcemesh.schema import describe, topic_schema
 from forcemesh.topics import REQUESTS, TOPICS, Request, Topic
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL
 from tests.fakes.records import full
 
-ROOT = Path(__file__).resolve().parents[3]
 HEADER = Header(seq=1, epoch=2, boot="b", stamp_ns=3, topic="t")
 each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
 each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
@@ -75,35 +67,3 @@ def test_a_client_gets_the_schema_from_the_hub() -> None:
     """The whole table, from the running cell."""
     cell = VirtualCell(CELL)
     assert ConfiguredCell(CELL, bus=cell.client).describe() == describe()
-
-
-@pytest.fixture
-def endpoint() -> Iterator[str]:
-    """A hub that answers, and where it is."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        where = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    cell = load_cell(ROOT / "cells" / "demo.yaml", {"bus.endpoint": where})
-    stop, ready = threading.Event(), threading.Event()
-
-    def serve() -> None:
-        with open_hub(cell) as bus:
-            server = describer(bus)
-            ready.set()
-            while not stop.wait(0.01):
-                server.step()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(20.0)
-    yield where
-    stop.set()
-    thread.join()
-
-
-@pytest.mark.realtime
-def test_a_program_without_forcemesh_gets_the_schema_from_the_hub(endpoint: str) -> None:
-    """With Zenoh's own client and nothing of ours: plain JSON under one key."""
-    text = json.dumps({"mode": "client", "connect": {"endpoints": [endpoint], "timeout_ms": 10000}})
-    with zenoh.open(zenoh.Config.from_json5(text)) as session:
-        answers = [reply.ok for reply in session.get("demo/describe", timeout=10.0)]
-        assert [json.loads(each.payload.to_bytes()) for each in answers if each] == [describe()]

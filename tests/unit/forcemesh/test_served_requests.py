@@ -1,14 +1,11 @@
 """Requests that a role has served, as it publishes them: content, order, size and rate."""
 
-import os
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus.memory_bus import MemoryCall
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import (
@@ -19,10 +16,10 @@ from forcemesh.codec import (
 )
 from forcemesh.errors import DataError
 from forcemesh.requests import Empty, HoldRequest, Reply, ServedRequest
-from forcemesh.served_requests import MOST_PER_S, name_of_this_process, request_data
-from forcemesh.topics import CLIENT, REQUESTS, Request
+from forcemesh.served_requests import MOST_PER_S, request_data
+from forcemesh.topics import REQUESTS, Request
 from tests.fakes.records import records
-from tests.unit.forcemesh.test_inbox import RequestServer, bus_of
+from tests.unit.forcemesh.test_inbox import RequestServer
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.key)
@@ -73,20 +70,6 @@ def test_a_request_that_is_too_long_is_left_out_and_its_length_is_published() ->
         request_data(served, server.address, server.clock)
 
 
-def test_the_reply_leaves_before_the_message() -> None:
-    """A client must not wait for the record of its request."""
-    server = RequestServer(topics.CLEAR)
-    when: list[int] = []
-    call = SimpleNamespace(
-        data=encode_record(Empty()), answer=lambda _: when.append(len(server.published()))
-    )
-    server.transport.serve(server.address).waiting.append(call)  # type: ignore[arg-type]
-    (incoming,) = server.inbox.take_all()
-    incoming.reply(Reply(accepted=True))
-    assert when == [0]
-    assert len(server.published()) == 1
-
-
 def test_a_flood_is_counted_and_not_published() -> None:
     """Within a second at most so many, all of them in the count; the next message has the rest."""
     server = RequestServer(topics.CLEAR)
@@ -99,28 +82,6 @@ def test_a_flood_is_counted_and_not_published() -> None:
     first, second = server.published()
     assert (first.skipped, second.skipped) == (2 * MOST_PER_S, 0)
     assert server.bus.requests_served == 3 * MOST_PER_S + 2
-
-
-def test_the_requests_of_one_role_are_numbered_together() -> None:
-    """One publisher for all of them: their order is that of the sequence numbers."""
-    server = RequestServer(topics.CLEAR)
-    other = server.bus.inbox(topics.HOLD)
-    server.serve(encode_record(Empty()))
-    server.transport.serve("demo/request/hold").waiting.append(MemoryCall(b"\x80"))
-    for incoming in other.take_all():
-        incoming.reply(Reply(accepted=True))
-    keys = [served.request for served in server.published()]
-    assert keys == ["request/clear", "request/hold"]
-
-
-def test_a_client_names_its_process() -> None:
-    """Its own account: on a bus without certificates it is not verified."""
-    server = RequestServer(topics.CLEAR)
-
-    bus_of(CLIENT, server.transport).ask(topics.CLEAR, Empty())
-    (served,) = server.published()
-    assert served.sender == name_of_this_process()
-    assert str(os.getpid()) in served.sender
 
 
 def test_a_payload_that_is_no_map_is_an_error_when_it_is_sent_again() -> None:

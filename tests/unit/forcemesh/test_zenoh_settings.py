@@ -1,7 +1,5 @@
 """Settings of Zenoh: large receive buffers where nothing may be lost, small batches, one thread."""
 
-import os
-
 import pytest
 
 from common.bus.cell_bus import hub_settings
@@ -9,10 +7,7 @@ from forcemesh.codec import MAX_BYTES
 from forcemesh.topics import CLIENT, HELPERS, ROLES
 from forcemesh.zenoh_settings import (
     BATCH_B,
-    ONE_THREAD,
-    RUNTIME_VARIABLE,
     client_settings,
-    use_one_thread,
     with_room,
 )
 from tests.fakes.bench import CELL
@@ -43,15 +38,3 @@ def test_only_a_complete_receiver_has_a_large_buffer(role: str) -> None:
     for each in (settings, hub_settings(CELL, HUB)):
         assert each["transport"]["link"]["tx"]["batch_size"] == BATCH_B
     assert BATCH_B >= MAX_BYTES + 1024  # with its key and Zenoh's overhead
-
-
-def test_the_environments_number_of_threads_takes_precedence(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The default is one thread."""
-    monkeypatch.delenv(RUNTIME_VARIABLE, raising=False)
-    use_one_thread()
-    assert os.environ[RUNTIME_VARIABLE] == ONE_THREAD
-    monkeypatch.setenv(RUNTIME_VARIABLE, "mine")
-    use_one_thread()
-    assert os.environ[RUNTIME_VARIABLE] == "mine"

@@ -19,7 +19,7 @@ from services.arbiter.inputs import robot_faults
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 from tests.fakes.arbiter_world import CELL, T_START, World, with_fault
-from tests.fakes.line import Line
+from tests.unit.forcemesh.conftest import Line
 from tests.unit.forcemesh.test_inbox import bus_of
 
 LIMITS = Limits.of(CELL)

@@ -61,18 +61,3 @@ def test_above_its_ceiling_a_robot_backs_off_and_does_nothing_else(guarded_rig: 
     send_goal(rig, 9, shifted(start, z_m=0.004))
     rig.until(lambda: rig.state.goal.id == 9 and rig.state.goal.state == "done")
     assert up_m(rig, start) == pytest.approx(0.004, abs=5e-4)
-
-
-def test_a_force_that_rises_stops_it(guarded_rig: Rig) -> None:
-    """5 N above the minimum since the start, although that is far below the ceiling."""
-    rig = guarded_rig
-    start = begin(rig)
-    send_goal(rig, 1, shifted(start, z_m=0.015))
-    rig.until(lambda: up_m(rig, start) > 0.001)
-    push(rig, 40.0)
-    rig.advance(0.1)
-    assert rig.state.hold_reason == ""
-    push(rig, 45.0)
-    rig.until(lambda: "force rose" in rig.state.hold_reason, within_s=1.0)
-    assert rig.is_at_rest()
-    assert up_m(rig, start) < 0.012

@@ -2,7 +2,6 @@
 
 import datetime as dt
 import json
-import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -11,17 +10,18 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 from typer.testing import CliRunner
 
 from cli.__main__ import app
 from common.bus.cell_bus import hub_settings, open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
-from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair
+from common.security.pki import Pair, make_certificate, read_authority, write_pair
 from forcemesh import topics
 from forcemesh.errors import BusError
 from forcemesh.identity import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
-from forcemesh.requests import HoldRequest, Reply
 from forcemesh.topics import REQUESTS, TOPICS
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings
 from services.hub.service import MOST_LINKS, Hub
@@ -32,7 +32,6 @@ pytestmark = pytest.mark.realtime
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
 QUIET_S = 0.3  # long enough for every permitted message to arrive
-PEOPLE = ("operator", "monitor")
 
 
 @pytest.fixture(autouse=True)
@@ -59,6 +58,29 @@ def make_certificates(cell: CellConfig, folder: Path, scratch: Path, *words: str
     arguments = ["pki", "init", "--cell", str(path), "--folder", str(folder), *words]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
+
+
+def shorten(folder: Path, name: str, cell: CellConfig, valid_s: float) -> float:
+    """Replace a certificate by one that expires soon; return the expiry time, wall clock [s]."""
+    authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
+    new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
+    ends = now.replace(microsecond=0) + dt.timedelta(seconds=valid_s)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(new.certificate.subject)
+        .issuer_name(new.certificate.issuer)
+        .public_key(new.key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - dt.timedelta(hours=1))
+        .not_valid_after(ends)
+    )
+    for extension in new.certificate.extensions:
+        builder = builder.add_extension(extension.value, critical=extension.critical)
+    made = builder.sign(authority.key, hashes.SHA256())
+    for kind in ("pem", "key"):
+        (folder / f"{name}.{kind}").unlink()
+    write_pair(folder, name, Pair(made, new.key), owner=None)
+    return ends.timestamp()
 
 
 @pytest.fixture(scope="module")
@@ -150,40 +172,6 @@ def test_a_certificate_of_another_name_is_no_hub(
             session_of(cell, name).close()
 
 
-def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: CellConfig, tmp_path: Path) -> None:
-    """One authority for two cells: TLS accepts the other hub, and every role rejects it."""
-    folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
-    authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
-    hosts = ["localhost", "127.0.0.1"]
-    pair = make_certificate(authority, "hub", "other", hosts=hosts, days=1, now=now)
-    write_pair(tmp_path, "hub", pair, owner=None)
-    copy_certificate(folder, tmp_path, "ca", owner=None)
-    settings = hub_settings(cell, cell.bus.endpoint)
-    settings["transport"]["link"]["tls"] = Identity("hub", tmp_path).settings()
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
-        for role in ("arbiter", "robot", "client"):
-            with (
-                pytest.raises(BusError, match=r"shows the certificate of hub\.other.* hub\.tls"),
-                open_bus(cell, role, patience_s=PATIENCE_S),
-            ):
-                pass
-
-
-def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
-    """By the name in the certificate, in its health; a client with few links is not named."""
-    with open_hub(cell) as bus:
-        hub = Hub(bus, cell)
-        few = [session_of(cell, "operator")]
-        assert hub.fault == ""
-        many = [session_of(cell, "monitor") for _ in range(MOST_LINKS + 1)]
-        give_up_s = time.monotonic() + PATIENCE_S
-        while not hub.fault and time.monotonic() < give_up_s:
-            time.sleep(0.05)
-        assert hub.fault.startswith(f"monitor.tls has {MOST_LINKS + 1} links; more than")
-        for session in [*few, *many]:
-            session.close()
-
-
 def test_only_requests_of_people_arrive(
     cell: CellConfig, sessions: dict[str, zenoh.Session]
 ) -> None:
@@ -205,35 +193,6 @@ def test_only_requests_of_people_arrive(
     assert requesting == people
 
 
-def test_a_monitor_may_hold_where_the_cell_permits_it(scratch: Path) -> None:
-    """With one entry in the cell file the arbiter receives a monitor's hold, but not its clear."""
-    cell = make_tls_cell(scratch / "pki", monitor_may_hold=True)
-    with open_hub(cell), open_bus(cell, "arbiter") as arbiter:
-        inboxes = {r.key: arbiter.inbox(r) for r in (topics.HOLD, topics.CLEAR)}
-        taken, done = [], threading.Event()
-
-        def serve() -> None:
-            while not done.wait(0.005):
-                for key, inbox in inboxes.items():
-                    for incoming in inbox.take_all():
-                        taken.append(key)
-                        incoming.reply(Reply(accepted=True))
-
-        thread = threading.Thread(target=serve)
-        thread.start()
-        try:
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setenv(NAME_VARIABLE, "monitor")
-                with open_bus(cell, topics.CLIENT) as bus:
-                    assert bus.ask(topics.HOLD, HoldRequest(), PATIENCE_S).accepted
-                    with pytest.raises(BusError, match="did not answer"):
-                        bus.ask(topics.CLEAR, topics.CLEAR.message(), 0.5)
-        finally:
-            done.set()
-            thread.join()
-    assert set(taken) == {topics.HOLD.key}
-
-
 def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None:
     """A role detects that its hub restricts no publisher, and refuses to run."""
     settings = hub_settings(cell, cell.bus.endpoint)
@@ -245,6 +204,21 @@ def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None
                 open_bus(cell, role, patience_s=PATIENCE_S),
             ):
                 pass
+
+
+def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
+    """By the name in the certificate, in its health; a client with few links is not named."""
+    with open_hub(cell) as bus:
+        hub = Hub(bus, cell)
+        few = [session_of(cell, "operator")]
+        assert hub.fault == ""
+        many = [session_of(cell, "monitor") for _ in range(MOST_LINKS + 1)]
+        give_up_s = time.monotonic() + PATIENCE_S
+        while not hub.fault and time.monotonic() < give_up_s:
+            time.sleep(0.05)
+        assert hub.fault.startswith(f"monitor.tls has {MOST_LINKS + 1} links; more than")
+        for session in [*few, *many]:
+            session.close()
 
 
 def test_a_foreign_certificate_does_not_get_in(

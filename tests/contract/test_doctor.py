@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cli.doctor.link import Visit, VisitTimeouts, visit_controller
-from controller.packet import Packet, encode
-from controller.packet_table import ID_FIRST, Com, Scales, Status, greeting
+from controller.packet_table import Com, Scales, Status
 from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 
@@ -92,25 +91,6 @@ def test_a_closed_port_and_no_answer_are_distinguished(
     assert (found.opened_s >= SHORT.connect_s) == (opened == "silent")
 
 
-def test_an_unresolved_name_and_an_unreachable_host_are_distinguished() -> None:
-    """The text of the operating system is kept."""
-    unresolved = visit_controller("no such host", 49152, SCALES, SHORT)
-    assert unresolved.opened == "unresolved"
-    assert unresolved.opened_detail
-    unreachable = visit_controller("255.255.255.255", 49152, SCALES, SHORT)
-    assert unreachable.opened == "unreachable"
-    assert unreachable.opened_detail
-
-
-def test_a_second_client_gets_no_answer() -> None:
-    """The controller serves one client: the second one waits in the backlog of the port."""
-    with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
-        assert controller.wait_for(lambda: controller.connections == 1)
-        found = visit(controller.port)
-        assert (found.opened, found.hello_outcome, found.hello) == ("open", "silent", None)
-        assert found.hello_s >= SHORT.hello_s
-
-
 @pytest.mark.parametrize(
     ("answer", "greeted"), [(b"", "closed"), (b"HTTP/1.1 400 " * 10, "garbled")]
 )
@@ -130,47 +110,6 @@ def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: st
         thread.join()
     assert (found.opened, found.hello_outcome, found.reports) == ("open", greeted, None)
     assert found.hello_detail
-
-
-def test_version_and_scales_are_reported_although_they_end_the_visit() -> None:
-    """The hello is kept for the report; nothing more is sent."""
-    other = (60, 500, 250, 100, 1000, 10)
-    with FakeController() as controller:
-        controller.tantrums.greeting = 2001
-        found = visit(controller.port)
-        assert (found.hello_outcome, found.reports) == ("answered", None)
-        assert found.hello is not None
-        assert found.hello.param == 2001
-        assert controller.wait_for(lambda: len(controller.errors) == 1)
-        controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
-        found = visit(controller.port)
-        assert found.hello is not None
-        assert (found.hello.vec, found.reports) == (other, None)
-        assert {packet.com for packet in controller.of(*Com)} == {Com.HELLO}
-
-
-def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
-    """No sample, no pose, no round trip: unknown, not zero."""
-
-    def greet() -> None:
-        client, _ = listener.accept()
-        with client:
-            client.sendall(encode(Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)))
-            while client.recv(1000):
-                pass
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        thread = threading.Thread(target=greet)
-        thread.start()
-        found_reports = visit(listener.getsockname()[1]).reports
-        thread.join()
-    assert found_reports is not None
-    assert (
-        found_reports.pose,
-        found_reports.sender_hz,
-        found_reports.round_trip,
-        found_reports.held,
-    ) == (None, None, None, False)
 
 
 @pytest.mark.parametrize("how", ["drop", "garbage", "frozen"])

@@ -8,7 +8,7 @@ from common.motion.convert import record_of
 from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
 from tests.contract.rig import Rig, distance_m, goal, pose_goal, shifted
-from tests.contract.robots import ALL, ROBOTS
+from tests.contract.robots import ALL, ROBOTS, Emulated
 
 # The tool reaches back into the workspace; the wrist would be 1.1 m away from the shoulder.
 FAR_AWAY = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.93, 0.5]))
@@ -116,3 +116,16 @@ def test_set_points_that_run_faster_than_the_cell_allows_end_in_hold(guarded_rig
     assert rig.is_at_rest()
     assert distance_m(rig.T, start) < 0.05
     assert rig.fastest(0.1)[0] / 0.1 < 1.35 * limit_m_s
+
+
+def test_a_command_that_fits_no_packet_holds_with_the_reason() -> None:
+    """Nothing is clipped: 99 units per millimetre reach no further than 1010 mm."""
+    wide = {"limits.workspace_min_m": [-2.0] * 3, "limits.tether_m": 5.0}
+    rig = Emulated(**wide, **{"gateway.position_per_mm": 99}).rig
+    rig.connect()
+    rig.arm()
+    before = rig.T
+    rig.send("goal", goal=pose_goal(1, shifted(before, x_m=-1.5)))
+    rig.until(lambda: rig.state.hold_code == "unsendable")
+    assert "the packet holds -1010.09" in rig.state.hold_reason
+    assert distance_m(rig.T, before) < 1e-4

@@ -11,7 +11,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from tests.chaos.common_net import CellUnderTest
-from tests.contract.test_bus_expiry import shorten
+from tests.contract.test_bus_tls import shorten
 from tests.scenario.conftest import PATIENCE_S, ROOT
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import forcemesh, status_of

@@ -66,7 +66,6 @@ JUDGES = {
     "forcemesh.reader": (
         "unit/forcemesh/test_bus",
         "unit/forcemesh/test_reader_rivals",
-        "unit/forcemesh/test_codec_misrouted",
         "unit/common/motion/test_permission_two_arbiters",
         "unit/common/motion/test_last_check_corners",
     ),

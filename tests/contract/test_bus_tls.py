@@ -1,6 +1,5 @@
 """A bus with certificates, with real hubs and clients: authentication and access control."""
 
-import datetime as dt
 import json
 import time
 from collections.abc import Iterator
@@ -10,15 +9,12 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from typer.testing import CliRunner
 
 from cli.__main__ import app
 from common.bus.cell_bus import hub_settings, open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
-from common.security.pki import Pair, make_certificate, read_authority, write_pair
 from forcemesh import topics
 from forcemesh.errors import BusError
 from forcemesh.identity import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
@@ -58,29 +54,6 @@ def make_certificates(cell: CellConfig, folder: Path, scratch: Path, *words: str
     arguments = ["pki", "init", "--cell", str(path), "--folder", str(folder), *words]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-
-
-def shorten(folder: Path, name: str, cell: CellConfig, valid_s: float) -> float:
-    """Replace a certificate by one that expires soon; return the expiry time, wall clock [s]."""
-    authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
-    new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
-    ends = now.replace(microsecond=0) + dt.timedelta(seconds=valid_s)
-    builder = (
-        x509.CertificateBuilder()
-        .subject_name(new.certificate.subject)
-        .issuer_name(new.certificate.issuer)
-        .public_key(new.key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - dt.timedelta(hours=1))
-        .not_valid_after(ends)
-    )
-    for extension in new.certificate.extensions:
-        builder = builder.add_extension(extension.value, critical=extension.critical)
-    made = builder.sign(authority.key, hashes.SHA256())
-    for kind in ("pem", "key"):
-        (folder / f"{name}.{kind}").unlink()
-    write_pair(folder, name, Pair(made, new.key), owner=None)
-    return ends.timestamp()
 
 
 @pytest.fixture(scope="module")
@@ -235,35 +208,3 @@ def test_a_foreign_certificate_does_not_get_in(
             open_bus(cell, "arbiter", patience_s=1.0),
         ):
             pass
-
-
-def test_two_cells_share_one_tree_and_a_monitor_above_reads_both(scratch: Path) -> None:
-    """The lower hub publishes its topics upwards, receives nothing, and neither side commands."""
-    above = make_tls_cell(scratch / "pki", "tls", below=["left"])
-    left = make_tls_cell(
-        scratch / "left", "left", upstream={"endpoint": above.bus.endpoint, "cell": "tls"}
-    )
-    make_certificates(left, scratch / "left", scratch, "--authority", str(scratch / "pki"))
-    received_keys: set[str] = set()
-    with open_hub(above), open_hub(left):
-        monitor = session_of(above, "monitor")
-        below = session_of(left, "monitor")
-        writers = [session_of(above, "wrench"), session_of(left, "wrench")]
-        try:
-            for name in ("tls", "left"):
-                monitor.declare_subscriber(
-                    f"{name}/**", lambda s: received_keys.add(str(s.key_expr))
-                )
-            leaked: list[str] = []
-            below.declare_subscriber("tls/**", lambda s: leaked.append(str(s.key_expr)))
-            give_up_s = time.monotonic() + PATIENCE_S
-            while len(received_keys) < 2 and time.monotonic() < give_up_s:
-                for writer, name in zip(writers, ("tls", "left"), strict=True):
-                    writer.put(f"{name}/wrench", b"x")
-                writers[0].put("left/wrench", b"forged from above")
-                time.sleep(0.02)
-            assert received_keys == {"tls/wrench", "left/wrench"}
-            assert leaked == []
-        finally:
-            for session in (monitor, below, *writers):
-                session.close()

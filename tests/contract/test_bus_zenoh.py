@@ -3,8 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,6 @@ from forcemesh import topics
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.errors import BusError
 from forcemesh.messages import Message, WrenchAtTcp
-from forcemesh.requests import ArmRequest, Reply
 from forcemesh.zenoh_session import ReceiverThread
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from tests.fakes.waiting import wait_until
@@ -57,27 +55,6 @@ def seq(reader: Reader) -> int:
     """Return the number of the newest message."""
     header = reader.read(time.monotonic_ns()).header
     return 0 if header is None else header.seq
-
-
-@contextmanager
-def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Reply]):
-    """Serve a request from another thread, as a service does in its loop."""
-    inbox, done = bus.inbox(request), threading.Event()
-    taken: list[object] = []
-
-    def serve() -> None:
-        while not done.wait(0.002):
-            for incoming in inbox.take_all():
-                taken.append(incoming.request)
-                incoming.reply(answer(incoming.request))
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield taken
-    finally:
-        done.set()
-        thread.join()
 
 
 @pytest.mark.usefixtures("hub")
@@ -124,24 +101,6 @@ def test_no_thread_outlives_its_bus(cell: CellConfig, monkeypatch: pytest.Monkey
         bus.reader(topics.SENSOR_WRENCH).wait(0.001)
         assert set(threading.enumerate()) > before
     assert set(threading.enumerate()) <= before
-
-
-@pytest.mark.usefixtures("hub")
-def test_a_request_is_repeated_until_a_service_serves_it(cell: CellConfig) -> None:
-    """A service that starts while the request is open still replies, and executes it once."""
-    replies: list[Reply] = []
-    with open_bus(cell, topics.CLIENT) as client:
-        asker = threading.Thread(
-            target=lambda: replies.append(client.ask(topics.ARM, ArmRequest(), PATIENCE_S))
-        )
-        asker.start()
-        with (
-            open_bus(cell, "arbiter") as arbiter,
-            answering(arbiter, topics.ARM, lambda _: Reply(accepted=True)) as taken,
-        ):
-            asker.join(PATIENCE_S)
-        assert replies == [Reply(accepted=True)]
-        assert len(taken) == 1
 
 
 def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:

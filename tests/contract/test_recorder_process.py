@@ -17,7 +17,7 @@ from common.bus.cell_bus import open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.bus import Bus, Publisher, Reader, Source
+from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.messages import Health, WrenchAtTcp
 from forcemesh.requests import RecordRequest
 from forcemesh.topics import CLIENT
@@ -25,7 +25,6 @@ from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.recorder.reading import RecordedFile
 from tests.chaos.common_net import free_port
 from tests.fakes.waiting import wait_until
-from tests.unit.services.recorder.test_recording import of_every_topic, recorded
 
 pytestmark = pytest.mark.realtime
 
@@ -100,42 +99,3 @@ def test_after_a_kill_the_file_opens_up_to_the_last_second(
     with path.open("rb") as stream, pytest.raises(Exception):  # noqa: B017, PT011 - of mcap, at the end
         other_read.extend(NonSeekingReader(stream).iter_messages(["wrench"], log_time_order=False))
     assert len(other_read) == len(wrenches)
-
-
-@contextmanager
-def replaying(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run the verb `replay`."""
-    command = [sys.executable, "-m", "cli", "replay", str(path), *words]
-    options = {"cwd": ROOT, "stderr": subprocess.PIPE, "text": True}
-    environment = os.environ | {"FORCEMESH_RUN_FOLDER": str(path.parent)}
-    with subprocess.Popen(command, env=environment, **options) as process:  # type: ignore[call-overload]
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def test_a_replay_reproduces_every_topic_to_the_byte(cell: CellConfig, tmp_path: Path) -> None:
-    """A client on the replay's own hub receives exactly the recorded messages, in order."""
-    frames = of_every_topic(rounds=4)
-    path = recorded(tmp_path, frames)
-    port = str(free_port())
-    with replaying(path, "--port", port, "--wait", "2", "--speed", "4") as process:
-        there = load_cell(DEMO, {"bus.endpoint": f"tcp/127.0.0.1:{port}"})
-        with open_bus(there, CLIENT, patience_s=PATIENCE_S) as client:
-            taps = {topic.key: client.tap(topic, ROOM) for topic in topics.TOPICS}
-            assert process.wait(PATIENCE_S) == 0
-            time.sleep(0.2)
-            received = {key: drain(tap) for key, tap in taps.items()}
-    expected: dict[str, list[bytes]] = {topic.key: [] for topic in topics.TOPICS}
-    for frame in frames:
-        expected[topics.TOPICS[frame.topic].key].append(frame.data)
-    assert received == expected
-
-
-def drain(tap: Source) -> list[bytes]:
-    """Return all waiting messages of a subscription."""
-    found = []
-    while (data := tap.take()) is not None:
-        found.append(data)
-    return found

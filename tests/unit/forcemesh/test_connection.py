@@ -7,7 +7,7 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from common.config.info import cell_info
 from common.config.load import load_cell
-from forcemesh import BusError, Cell, ConfigError, LostError
+from forcemesh import Cell, ConfigError, LostError
 from forcemesh.cell_info import ask_for_info
 from forcemesh.connection import read_connection
 from forcemesh.topics import TOPICS
@@ -22,13 +22,6 @@ def test_every_cell_file_gives_the_connection_that_its_cell_has(path: Path) -> N
     """The two sections are read as the whole file is."""
     whole, found = load_cell(path), read_connection(path)
     assert (found.cell, found.bus) == (whole.cell, whole.bus)
-
-
-def test_other_sections_are_not_read(tmp_path: Path) -> None:
-    """A file of a newer cell, with sections that this client does not know."""
-    path = tmp_path / "cell.yaml"
-    path.write_text("cell: lab\nbus: {endpoint: tcp/10.0.0.1:7447}\nrobot: {model: 42}\n")
-    assert read_connection(path).bus.endpoint == "tcp/10.0.0.1:7447"
 
 
 @pytest.mark.parametrize(
@@ -59,13 +52,6 @@ def test_a_wrong_endpoint_or_name_is_refused_before_anything_is_sent(
     """The two words are checked as a file is."""
     with pytest.raises(ConfigError, match=mistake):
         Cell(endpoint, name)
-
-
-@pytest.mark.realtime
-def test_an_endpoint_without_a_hub_is_named() -> None:
-    """A cell that is not up."""
-    with pytest.raises(BusError, match=r"no hub at tcp/127\.0\.0\.1:1"):
-        Cell("tcp/127.0.0.1:1", "demo", patience_s=0.0)
 
 
 def test_the_hub_sends_a_client_the_facts_of_its_cell_file() -> None:

@@ -1,4 +1,4 @@
-"""Requests and their replies: refused, late, or executed once, and those that stop always."""
+"""Requests: refused, late, or executed once; those that stop always; and as they are published."""
 
 from typing import Any
 
@@ -10,15 +10,22 @@ from common.bus.memory_bus import MemoryCall, MemoryTransport
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.codec import MAX_BYTES, Envelope, decode, decode_record, encode_record
-from forcemesh.errors import BusError
+from forcemesh.codec import (
+    MAX_BYTES,
+    Envelope,
+    decode,
+    decode_envelope,
+    decode_record,
+    encode_record,
+)
+from forcemesh.errors import BusError, DataError
 from forcemesh.messages import Health
 from forcemesh.records import Record
 from forcemesh.requests import ArmRequest, Empty, HoldRequest, Reply, ServedRequest
-from forcemesh.served_requests import request_data
+from forcemesh.served_requests import MOST_PER_S, request_data
 from forcemesh.topics import CLIENT, HEALTH, REQUESTS, SERVED, Request
 from tests.fakes.bench import CELL
-from tests.fakes.records import full
+from tests.fakes.records import full, records
 
 DONE = Reply(accepted=True, text="done")
 NO_REQUEST = st.binary(max_size=60).filter(lambda data: data != b"\x80")
@@ -235,3 +242,52 @@ def test_a_client_on_another_clock_names_the_status_that_it_has_received(
     assert client.ask(topics.CLEAR, Empty()).accepted
     replies = [served.reply.code for served in server.published() if served.reply is not None]
     assert replies == ["late", "ok", "ok"]
+
+
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.key)
+@given(data=st.data())
+def test_every_request_is_published_once_with_its_reply(
+    row: Request[Any], data: st.DataObject
+) -> None:
+    """Key, fields to the last digit, time and reply; the request can be sent again."""
+    server = RequestServer(row)
+    message: Any = row.message
+    sent: Any = data.draw(records(message))
+    reply = Reply(accepted=False, code="force", text="too much", value=61.5, limit=60.0)
+    envelope = Envelope(topic=server.address, sender="a program", wait_s=3.0)
+    stamp = {"boot": server.clock.boot, "stamp_ns": server.clock.now_ns() - NS_PER_S}
+    stamp = data.draw(st.sampled_from([stamp, {}]))
+    server.serve(encode_record(sent, envelope.replaced(**stamp)), reply)
+    (served,) = server.published()
+    assert (served.request, served.sender, served.reply) == (row.key, "a program", reply)
+    assert (served.received_ns, served.fault) == (server.clock.now_ns(), "")
+    later = ManualClock(9 * NS_PER_S, boot="another")
+    again = request_data(served, server.address, later)
+    assert decode_record(again, message) == sent
+    as_old = envelope.replaced(boot=later.boot, stamp_ns=8 * NS_PER_S) if stamp else envelope
+    assert decode_envelope(again, server.address) == as_old
+
+
+def test_a_request_that_is_too_long_is_left_out_and_its_length_is_published() -> None:
+    """A replay then says what it lacks."""
+    server = RequestServer(topics.CALIBRATE)
+    server.serve(encode_record(topics.CALIBRATE.message(calibration_json="x" * 3000)))
+    (served,) = server.published()
+    assert served.payload == ""
+    assert served.payload_bytes > 3000
+    with pytest.raises(DataError, match=r"request/calibration of 30\d\d bytes is longer than"):
+        request_data(served, server.address, server.clock)
+
+
+def test_a_flood_is_counted_and_not_published() -> None:
+    """Within a second at most so many, all of them in the count; the next message has the rest."""
+    server = RequestServer(topics.CLEAR)
+    for _ in range(3 * MOST_PER_S):
+        server.serve(encode_record(Empty()))
+    assert len(server.published()) == MOST_PER_S
+    server.clock.advance_ns(NS_PER_S)
+    server.serve(encode_record(Empty()))
+    server.serve(encode_record(Empty()))
+    first, second = server.published()
+    assert (first.skipped, second.skipped) == (2 * MOST_PER_S, 0)
+    assert server.bus.requests_served == 3 * MOST_PER_S + 2

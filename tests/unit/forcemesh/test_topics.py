@@ -1,16 +1,22 @@
 """The rules of the bus table: writer, readers, rate and deadline of each topic."""
 
+import json
 from typing import Any
 
+import msgpack
 import pytest
 import zenoh
+from jsonschema import Draft202012Validator
+from msgspec.structs import fields
 
+from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import Deadlines, Rates
 from common.config.load import load_cell
 from forcemesh import messages as m
 from forcemesh import topics
-from forcemesh.codec import Header, encode
+from forcemesh.codec import Envelope, Header, encode, encode_record
 from forcemesh.records import Record
+from forcemesh.schema import describe, topic_schema
 from forcemesh.topics import (
     CLIENT,
     HEALTH,
@@ -22,7 +28,8 @@ from forcemesh.topics import (
     Request,
     Topic,
 )
-from tests.fakes.bench import DEMO
+from launch.virtual_cell import VirtualCell
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.records import full
 
 ROWS: tuple[Topic[Any] | Request[Any], ...] = (*TOPICS, *REQUESTS)
@@ -123,3 +130,47 @@ def test_a_message_fits_in_a_packet_of_the_network(topic: Topic[Any]) -> None:
     message = topic.message.from_dict(full(topic.message))
     message = message.replaced(reason=TEXT, **SEVERAL.get(topic.key, {}))
     assert len(encode(HEADER, message)) < MOST_BYTES
+
+
+# --- JSON Schema, which the hub publishes ---------------------------------------------------------
+
+
+def mistakes(schema: dict[str, Any], data: bytes) -> list[str]:
+    """Return the mistakes that an independent validator finds in bytes from the bus."""
+    Draft202012Validator.check_schema(schema)
+    fields = json.loads(json.dumps(msgpack.unpackb(data)))
+    return [error.message for error in Draft202012Validator(schema).iter_errors(fields)]
+
+
+@each_topic
+def test_every_message_fits_its_schema(topic: Topic[Any]) -> None:
+    """With nothing but defaults and with every field filled; every field is there."""
+    schema = topic_schema(topic)
+    for message in (topic.message(), topic.message.from_dict(full(topic.message))):
+        data = encode(HEADER, message)
+        assert mistakes(schema, data) == []
+        assert set(msgpack.unpackb(data)) == set(schema["required"]) == set(schema["properties"])
+
+
+@each_topic
+def test_a_schema_finds_wrong_fields(topic: Topic[Any]) -> None:
+    """A field of another type, and one that is missing."""
+    schema, fields = topic_schema(topic), msgpack.unpackb(encode(HEADER, topic.message()))
+    assert mistakes(schema, msgpack.packb({**fields, "valid": "yes"}))
+    assert mistakes(schema, msgpack.packb({k: v for k, v in fields.items() if k != "seq"}))
+
+
+@each_request
+def test_every_request_fits_its_schema(request_row: Request[Any]) -> None:
+    """As our own clients send it; fields with a default may be left out."""
+    schema = describe()["requests"][request_row.key]["schema"]
+    asked = request_row.message.from_dict(full(request_row.message))
+    assert mistakes(schema, encode_record(asked, Envelope(topic=request_row.key))) == []
+    needed = {field.name for field in fields(request_row.message) if field.required}
+    assert set(schema["required"]) == needed
+
+
+def test_a_client_gets_the_schema_from_the_hub() -> None:
+    """The whole table, from the running cell."""
+    cell = VirtualCell(CELL)
+    assert ConfiguredCell(CELL, bus=cell.client).describe() == describe()

@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from common.config.calibration import CalibrationSection
 from common.config.load import cell_from_tree, dump_cell, load_cell
 from forcemesh.errors import ConfigError
 from forcemesh.units import UNITS, question, unit_of
-from tests.unit.common.config.test_calibration import calibration
 
 CELLS = sorted((Path(__file__).parents[3] / "cells").glob("*.yaml"))
 DEMO = next(path for path in CELLS if path.stem == "demo")
 # A residual is a result, judged by force.idle_max_*; a drift's clock may begin anywhere.
-RESULTS = ("fit", "verified", "start_s", "end_s")
 
 
 def whole(path: Path) -> dict[str, Any]:
@@ -102,25 +99,6 @@ def test_a_number_that_is_too_small_is_asked_about_and_one_that_fits_no_unit_is_
 def test_the_longest_ending_decides_the_unit(ending: str) -> None:
     """speed_max_m_s is m/s, not s."""
     assert unit_of(f"x{ending}") is UNITS[ending]
-
-
-def test_each_field_of_a_calibration_times_a_thousand_is_refused() -> None:
-    """As where it is by hand in the cell file: the same section."""
-    drift = {"start_s": 0.0, "end_s": 9.0, "force_N": [2.0] * 3, "torque_Nm": [0.2] * 3}
-    made = calibration().model_dump(mode="json") | {"revision": ""}
-    made["payload"] |= {
-        "bias_force_N": [1.4, -2.1, 3.1],
-        "bias_torque_Nm": [0.3, -0.4, 0.2],
-        "mounting_rotation_rad": [0.1, 0.0, 0.0],
-        "drift": drift,
-    }
-    CalibrationSection(**made)
-    tree = {**whole(DEMO), "calibration": made}
-    assert mistake(tree) == ""
-    for field in physical(made):
-        if not set(field) & set(RESULTS):
-            found = mistake(scaled(tree, ("calibration", *field), 1000.0))
-            assert "is that in" in found, field
 
 
 def test_every_question_names_a_unit() -> None:

@@ -13,8 +13,6 @@ from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
 from common.config.load import (
     CALIBRATION,
-    cell_from_tree,
-    cell_hash,
     dump_cell,
     load_cell,
     named_file,
@@ -55,20 +53,6 @@ def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     return path
 
 
-def test_a_cell_file_states_that_it_works_without_a_calibration_file(tmp_path: Path) -> None:
-    """The word is kept in a dump; a file of that name is not read."""
-    path = cell_with(tmp_path, None)
-    assert load_cell(DEMO).calibration == "none"
-    path.write_text(DEMO.read_text(encoding="utf-8"), encoding="utf-8")
-    (path.parent / "none").write_text("", encoding="utf-8")
-    assert named_file(path, CALIBRATION) is None
-    cell = load_cell(path, with_files=False)
-    assert cell.calibration == load_cell(path).calibration == "none"
-    path.write_text(dump_cell(cell), encoding="utf-8")
-    assert load_cell(path) == cell
-    assert load_cell(path, {"calibration": None}).calibration is None
-
-
 @pytest.mark.parametrize(
     ("content", "mistake"),
     [
@@ -92,14 +76,6 @@ def test_a_calibration_file_that_is_not_whole_is_an_error(
     assert "move the file away" in str(error.value)
 
 
-@pytest.mark.parametrize("found", [3, [], "made.yaml"])
-def test_another_value_as_calibration_is_an_error(found: object) -> None:
-    """A parsed cell file holds the calibration itself, or `none`."""
-    tree = yaml.safe_load(dump_cell(load_cell(DEMO))) | {"calibration": found}
-    with pytest.raises(ConfigError, match="calibration: must be a path or `none`"):
-        cell_from_tree(tree, "cell.yaml")
-
-
 def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     """It is found from the cell file's folder, and a copy in another folder keeps it."""
     path = cell_with(tmp_path, calibration())
@@ -110,17 +86,6 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
     assert named_file(copy, CALIBRATION) is None
-
-
-def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:
-    """Processes that were started before and after a calibration still belong together."""
-    path = cell_with(tmp_path, None)
-    before = load_cell(path)
-    assert before.calibration is None
-    calibration().save(tmp_path / "calibration" / "demo.yaml")
-    after = load_cell(path)
-    assert before != after
-    assert cell_hash(before) == cell_hash(after)
 
 
 @given(

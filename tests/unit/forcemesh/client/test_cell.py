@@ -3,13 +3,10 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.convert import pose_of
-from common.motion.frames import rotation_between
 from forcemesh import topics
 from forcemesh.client import (
     ArmStoppedError,
@@ -104,18 +101,6 @@ def test_a_move_returns_where_the_arm_is(lab: Lab, cell: ConfiguredCell) -> None
     assert lab.state.goal.state == "done"
 
 
-@pytest.mark.parametrize(("axes", "up_m"), [("base", 0.01), ("tool", -0.01)])
-def test_a_jog_shifts_and_turns_the_tool(
-    cell: ConfiguredCell, axes: Literal["base", "tool"], up_m: float
-) -> None:
-    """Along base z, and back along the tool's own z, which points down here: the same direction."""
-    before = cell.state()
-    there = cell.jog((0.0, 0.0, up_m), (0.0, 0.0, 0.1), axes=axes)
-    assert there.position_m[2] == pytest.approx(before.position_m[2] + 0.01, abs=1e-4)
-    turn = rotation_between(pose_of(before).rotation, pose_of(there).rotation)
-    assert turn == pytest.approx([0.0, 0.0, 10.0 * up_m], abs=1e-3)
-
-
 def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
     lab: Lab, cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,14 +157,6 @@ def test_an_argument_that_no_request_can_carry_is_named(
         do(calm)
 
 
-def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
-    """The arbiter sends the set speeds with each request."""
-    before = calm.speed()
-    returned = calm.speed(mechanical_m_s=0.02)
-    calm.session.clock.sleep_s(0.05)
-    assert calm.speed() == returned == before.replaced(mechanical_m_s=0.02)
-
-
 def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
     """By its feed that ended, and by the request without an answer."""
     lab.cell.kill("wrench")
@@ -198,10 +175,3 @@ def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) ->
     rate_hz = calm.config.rate_hz(topics.WRENCH)
     assert len(received) == pytest.approx(0.5 * rate_hz, rel=0.1)
     assert received[-1].stamp_s - received[0].stamp_s == pytest.approx(0.5, rel=0.1)
-
-
-def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
-    """A loop over messages does not hang for ever."""
-    lab.cell.kill("wrench")
-    with pytest.raises(LostError, match=r"nothing on wrench for 0\.5 s"):
-        list(cell.wrench.stream(silence_s=0.5))

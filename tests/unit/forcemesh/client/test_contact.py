@@ -70,20 +70,6 @@ def test_press_slide_and_leave_are_exactly_these_states(lab: ContactCell) -> Non
     assert lost.slid_m == pytest.approx(SLIDE_M, rel=0.1)
 
 
-def test_an_impact_that_has_passed_is_found(lab: ContactCell) -> None:
-    """Changes are kept from the first use on; `after` excludes earlier ones."""
-    before = lab.client.contact()
-    lab.press()
-    lab.world.advance(4.0)
-    impact = lab.client.contact.wait("impact", within_s=0.0, after=before)
-    assert impact.state == "impact"
-    assert impact.duration_s > 0.0
-    assert lab.client.contact().state == "contact"
-    assert lab.client.contact.wait("impact", "contact", within_s=0.0).state == "contact"
-    with pytest.raises(NotReachedError, match=r"no impact within 0\.1 s: .* is contact"):
-        lab.client.contact.wait("impact", within_s=0.1, after=impact)
-
-
 def test_a_silent_regulator_is_lost_and_an_unknown_state_not_valid(lab: ContactCell) -> None:
     """Waiting ends with the error that says which."""
     lab.client.contact()

@@ -6,11 +6,11 @@ import pytest
 
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.client import DataError, NotReachedError, NotValidError, RefusedError
+from forcemesh.client import DataError, NotValidError, RefusedError
 from services.gateway.service import Gateway
 from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.lab import Lab
-from tests.fakes.signals import ALL_OFF, FOLLOWING
+from tests.fakes.signals import FOLLOWING
 
 CELLS = {
     "sim": load_cell(DEMO, {**FOLLOWING, "rates": HALF_RATES}),
@@ -29,29 +29,6 @@ def cell(lab: Lab) -> Iterator[ConfiguredCell]:
     """An operator on it."""
     with ConfiguredCell(lab.cell.cell, bus=lab.cell.client, commander="operator") as client:
         yield client
-
-
-def test_an_output_is_set_and_read(cell: ConfiguredCell) -> None:
-    """By name and by number; the others stay."""
-    assert cell.signals.read() == ALL_OFF
-    assert cell.signals.set("gripper_close").text.endswith("is switched on")
-    cell.signals.wait("gripper_close", timeout_s=2.0)
-    assert cell.signals.read() == {**ALL_OFF, "gripper_close": True}
-    cell.signals.set(9, False)
-    cell.signals.wait("gripper_close", False, 2.0)
-    assert cell.signals.read() == ALL_OFF
-
-
-def test_a_program_waits_for_an_input(cell: ConfiguredCell) -> None:
-    """It is awaited on and off; the name is one of the cell file."""
-    cell.signals.set("lamp")
-    cell.signals.wait("part", timeout_s=2.0)
-    cell.signals.set("lamp", False)
-    cell.signals.wait("part", False, 2.0)
-    with pytest.raises(NotReachedError, match=r"part is off after 0\.2 s, expected on"):
-        cell.signals.wait("part", timeout_s=0.2)
-    with pytest.raises(DataError, match=r"no signal 'parts': the cell file names gripper_close"):
-        cell.signals.wait("parts")
 
 
 def test_while_the_arm_holds_only_what_may_be_is_set(lab: Lab, cell: ConfiguredCell) -> None:

@@ -2,12 +2,15 @@
 
 import socket
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 import numpy as np
 import pytest
 
 from cli.doctor.link import Visit, VisitTimeouts, visit_controller
 from controller.packet_table import Com, Scales, Status
+from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 
 pytestmark = pytest.mark.realtime
@@ -56,6 +59,47 @@ def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold() -> None:
     assert len(coms) > 5
 
 
+@contextmanager
+def closed_port() -> Iterator[int]:
+    """Yield a closed port."""
+    yield free_port()
+
+
+@contextmanager
+def full_port() -> Iterator[int]:
+    """Yield a port whose backlog is full: it does not answer, like a machine that is off."""
+    with ExitStack() as stack:
+        listener = stack.enter_context(socket.socket())
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(0)
+        for _ in range(3):
+            filler = stack.enter_context(socket.socket())
+            filler.setblocking(False)
+            filler.connect_ex(listener.getsockname())
+        yield listener.getsockname()[1]
+
+
+@pytest.mark.parametrize(("place", "opened"), [(closed_port, "refused"), (full_port, "silent")])
+def test_a_closed_port_and_no_answer_are_distinguished(
+    place: Callable[[], AbstractContextManager[int]], opened: str
+) -> None:
+    """Refused at once, or silence until the time-out."""
+    with place() as port:
+        found = visit(port)
+    assert found.opened == opened
+    assert found.reports is None
+    assert (found.opened_s >= SHORT.connect_s) == (opened == "silent")
+
+
+def test_a_second_client_gets_no_answer() -> None:
+    """The controller serves one client: the second one waits in the backlog of the port."""
+    with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
+        assert controller.wait_for(lambda: controller.connections == 1)
+        found = visit(controller.port)
+        assert (found.opened, found.hello_outcome, found.hello) == ("open", "silent", None)
+        assert found.hello_s >= SHORT.hello_s
+
+
 @pytest.mark.parametrize(
     ("answer", "greeted"), [(b"", "closed"), (b"HTTP/1.1 400 " * 10, "garbled")]
 )
@@ -75,3 +119,26 @@ def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: st
         thread.join()
     assert (found.opened, found.hello_outcome, found.reports) == ("open", greeted, None)
     assert found.hello_detail
+
+
+@pytest.mark.parametrize("how", ["drop", "garbage", "frozen"])
+def test_a_controller_that_breaks_off_is_reported(how: str) -> None:
+    """Closed, no packet, or silent in the middle: the earlier results are kept."""
+    with FakeController(rate_hz=50.0) as controller:
+
+        def spoil() -> None:
+            controller.wait_for(lambda: len(controller.of(Com.HEARTBEAT)) > 3)
+            if how == "drop":
+                controller.drop()
+            elif how == "garbage":
+                controller.write(b"x" * 63)
+            controller.tantrums.frozen = how == "frozen"
+
+        thread = threading.Thread(target=spoil)
+        thread.start()
+        found_reports = visit(controller.port).reports
+        thread.join()
+    assert found_reports is not None
+    assert found_reports.pose is not None
+    assert not found_reports.held
+    assert bool(found_reports.broken) == (how != "frozen")

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.stop import StopSignal
-from sim.controller.__main__ import main
 from tests.fakes.as_bench import program
 
 pytestmark = pytest.mark.realtime
@@ -55,31 +53,3 @@ def test_a_file_runs_in_real_time_and_answers_on_its_port(tmp_path: Path) -> Non
             assert client.recv(100) == b"ping"
         assert process.wait(DEADLINE_S) == 0
     assert "ready\n" in lines
-
-
-def run_here(folder: Path, source: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Run a file to its end in this process, as the command does; return the exit code."""
-    monkeypatch.setattr("sim.controller.run.stop_on_signals", StopSignal)
-    file = folder / "broken.as"
-    file.write_text(source, encoding="ascii")
-    try:
-        return main([str(file)])
-    except SystemExit as ended:
-        return int(ended.code or 0)
-
-
-@pytest.mark.parametrize(
-    ("source", "expected", "code"),
-    [
-        (program("x = 1", "y = 1/0"), ("(E0108)", "program main, step 2: y = 1/0"), 1),
-        (program("x = = 1"), ("broken.as:2",), 2),
-        ("", ("there is no program",), 2),
-    ],
-)
-def test_an_error_is_reported_with_its_place(
-    source: str, expected: tuple[str, ...], code: int, tmp_path: Path, monkeypatch, capsys
-) -> None:
-    """Code, program and step of a running program; file and line of one that does not load."""
-    assert run_here(tmp_path, source, monkeypatch) == code
-    printed = "".join(capsys.readouterr())
-    assert all(text in printed for text in expected), printed

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
 from common.config.load import load_cell
-from forcemesh import messages as m
 from forcemesh import requests as q
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -199,31 +198,7 @@ def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
     assert [source.take() for _ in range(room + 1)] == [*newest, None]
 
 
-def test_a_process_that_plays_two_roles_is_two_writers() -> None:
-    """Each role has its own epoch, so that the readers of one do not retire the other."""
-    robot = bus_of("robot")
-    sensor = robot.playing("sensor")
-
-    assert (sensor.role, sensor.cell) == ("sensor", "demo")
-    assert sensor.epoch != robot.epoch
-
-
 DEMO = Path(__file__).parents[3] / "cells" / "demo.yaml"
-
-
-def test_a_message_of_another_topic_is_dropped():
-    """It is neither accepted, nor does it retire the writer or spoil that one's message."""
-    line = Line()
-    assert line.deliver(1, m.SensorWrench(counter=5))
-    header = line.header(900, epoch=2, topic="demo/wrench")
-    line.source.waiting.append(encode(header, m.SensorWrench()))
-    assert not line.reader.poll()
-    reading = line.read()
-    assert reading.fresh is not None
-    assert reading.fresh.counter == 5
-    assert not reading.conflict
-    assert line.reader.counters.misrouted == 1
-    assert line.deliver(2)
 
 
 @pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)

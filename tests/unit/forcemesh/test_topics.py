@@ -9,7 +9,6 @@ import zenoh
 from jsonschema import Draft202012Validator
 from msgspec.structs import fields
 
-from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import Deadlines, Rates
 from common.config.load import load_cell
 from forcemesh import messages as m
@@ -28,8 +27,7 @@ from forcemesh.topics import (
     Request,
     Topic,
 )
-from launch.virtual_cell import VirtualCell
-from tests.fakes.bench import CELL, DEMO
+from tests.fakes.bench import DEMO
 from tests.fakes.records import full
 
 ROWS: tuple[Topic[Any] | Request[Any], ...] = (*TOPICS, *REQUESTS)
@@ -168,9 +166,3 @@ def test_every_request_fits_its_schema(request_row: Request[Any]) -> None:
     assert mistakes(schema, encode_record(asked, Envelope(topic=request_row.key))) == []
     needed = {field.name for field in fields(request_row.message) if field.required}
     assert set(schema["required"]) == needed
-
-
-def test_a_client_gets_the_schema_from_the_hub() -> None:
-    """The whole table, from the running cell."""
-    cell = VirtualCell(CELL)
-    assert ConfiguredCell(CELL, bus=cell.client).describe() == describe()

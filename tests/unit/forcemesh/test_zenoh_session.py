@@ -14,7 +14,6 @@ from forcemesh.zenoh_session import ZenohSource, ZenohTransport
 from forcemesh.zenoh_settings import (
     BATCH_B,
     client_settings,
-    with_room,
 )
 from tests.fakes.bench import CELL
 
@@ -88,20 +87,6 @@ def test_a_reader_that_does_not_read_delays_no_publisher(qos: Qos) -> None:
 
 
 HUB = "tcp/127.0.0.1:7447"
-
-
-@pytest.mark.parametrize(
-    ("endpoint", "expected"),
-    [
-        ("tls/hub:7447", "tls/hub:7447#so_rcvbuf=4000000"),
-        ("tcp/hub:7447#iface=eth0", "tcp/hub:7447#iface=eth0;so_rcvbuf=4000000"),
-        ("tcp/hub:7447#so_rcvbuf=9", "tcp/hub:7447#so_rcvbuf=9"),
-        ("quic/hub:7447", "quic/hub:7447"),
-    ],
-)
-def test_a_stream_endpoint_gets_a_large_receive_buffer(endpoint: str, expected: str) -> None:
-    """A user's own setting stays; an endpoint without such a setting is unchanged."""
-    assert with_room(endpoint) == expected
 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from forcemesh.errors import BusError, ConfigError
+from forcemesh.errors import BusError
 from forcemesh.identity import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
@@ -19,7 +19,7 @@ from forcemesh.identity import (
 )
 from forcemesh.published_ports import HUB_PUBLISHED
 from forcemesh.topics import CLIENT
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, security_of
 
 DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 HERE = ["tcp/localhost:7447", "udp/127.0.0.1:7?rel=1",
@@ -43,16 +43,6 @@ def touch_pair(folder: Path, *names: str) -> None:
     """Put empty files where certificates of these names would be."""
     for name in ("ca.pem", *(f"{name}.{end}" for name in names for end in ("pem", "key"))):
         (folder / name).touch()
-
-
-def test_a_wrong_endpoint_is_reported_with_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The variable by its name, and the right form; the right one overrides the cell's."""
-    for wrong in ("garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"):
-        monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
-        with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
-            endpoint_of(cell())
-    monkeypatch.setenv(ENDPOINT_VARIABLE, "tls/[::1]:7447#iface=lo")
-    assert endpoint_of(cell()) == "tls/[::1]:7447#iface=lo"
 
 
 @given(st.ip_addresses())

@@ -5,9 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
@@ -86,26 +83,6 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
     assert named_file(copy, CALIBRATION) is None
-
-
-@given(
-    mass_kg=st.floats(0.0, 50.0),
-    com=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
-    text=st.text(max_size=30),
-    verified=st.sampled_from([None, NOTHING_LEFT]),
-)
-def test_every_calibration_is_read_as_it_was_written(
-    tmp_path_factory: pytest.TempPathFactory, **made: Any
-) -> None:
-    """All digits, all texts, and so the same revision."""
-    found = calibration(
-        payload=Payload(mass_kg=made["mass_kg"], com_m=made["com"]),
-        tool=made["text"],
-        verified=made["verified"],
-    )
-    path = tmp_path_factory.getbasetemp() / "c.yaml"
-    found.save(path)
-    assert CalibrationSection(**yaml.safe_load(path.read_text(encoding="utf-8"))) == found
 
 
 def test_the_revision_distinguishes_calibrations() -> None:

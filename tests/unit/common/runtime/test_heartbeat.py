@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.heartbeat import LINE_B, Heartbeat, line, since_boot_s
+from common.runtime.heartbeat import Heartbeat, line, since_boot_s
 
 ROOT = Path(__file__).resolve().parents[4]
 SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
@@ -38,16 +38,6 @@ def test_a_fault_is_printed_and_never_executed(tmp_path: Path, fault: str) -> No
     assert code == 1
     assert output.split()[0] in (fault.split(maxsplit=1)[0], "?", "??")
     assert list(tmp_path.iterdir()) == [tmp_path / "alive"]
-
-
-def test_a_heartbeat_is_always_as_long(tmp_path: Path) -> None:
-    """A later one needs no room on a full disk, and leaves nothing of a longer one before it."""
-    heartbeat = Heartbeat(tmp_path / "alive")
-    for fault in ("x" * 1000, "", "short"):
-        heartbeat.beat(1, fault)
-        text = (tmp_path / "alive").read_bytes()
-        assert (len(text), text.count(b"\n")) == (LINE_B, 1)
-        assert (b"x" in text) == ("x" in fault)
 
 
 def test_it_beats_once_a_second_and_at_once_with_another_fault(tmp_path: Path) -> None:

@@ -231,6 +231,15 @@ def test_a_request_from_another_clock_that_names_no_status_of_this_server_is_lat
     assert (server.requests, reply_of(call).code) == ([], "late")
 
 
+def test_a_request_that_is_late_on_the_servers_own_clock_is_not_repeated() -> None:
+    """The server was frozen: a newer status of it changes nothing."""
+    server = RequestServer(topics.CLEAR)
+    server.advance_ns(3 * NS_PER_S)
+    client = Bus(CLIENT, CELL.cell, server.transport, CELL, server.clock)
+    assert client.ask(topics.CLEAR, Empty()).code == "late"
+    assert (server.requests, len(server.published())) == ([], 1)
+
+
 def test_a_client_on_another_clock_names_the_status_that_it_has_received(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
 from common.config.load import (
     CALIBRATION,
+    cell_from_tree,
     dump_cell,
     load_cell,
     named_file,
@@ -71,6 +73,14 @@ def test_a_calibration_file_that_is_not_whole_is_an_error(
         load_cell(path)
     assert error.value.source == str(file)
     assert "move the file away" in str(error.value)
+
+
+@pytest.mark.parametrize("found", [3, [], "made.yaml"])
+def test_another_value_as_calibration_is_an_error(found: object) -> None:
+    """A parsed cell file holds the calibration itself, or `none`."""
+    tree = yaml.safe_load(dump_cell(load_cell(DEMO))) | {"calibration": found}
+    with pytest.raises(ConfigError, match="calibration: must be a path or `none`"):
+        cell_from_tree(tree, "cell.yaml")
 
 
 def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:

@@ -82,6 +82,7 @@ REAL = {"roles.robot": "gateway", "roles.sensor": "external", "gateway.host": "h
 INERTIAL = {"filter.inertial": True, "rates.robot_hz": SLOWEST_INERTIAL_HZ}
 WALL = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1e-5]}
 DOWNWARDS = "gravity_direction_in_base"
+SLOWEST = [20.0] * 6
 
 
 @pytest.mark.parametrize(
@@ -102,6 +103,13 @@ DOWNWARDS = "gravity_direction_in_base"
          "cores: arbitre: not a role, valid: hub, robot,"),
         ({}, {"cores": {"arbiter": []}}, "cores.arbiter: must hold at least 1"),
         ({}, {"robot.joint_max_deg": [90.0] * 7}, "robot: joint_min_deg, joint_max_deg and joint_"),
+        ({}, {"limits.workspace_max_m": [0.4, 0.8, -0.2]}, "limits: workspace is empty along z"),
+        ({}, {"robot.joint_min_deg": DEMO_CELL.robot.joint_max_deg},
+         "robot: joint_min_deg must be below joint_max_deg for each joint: joint 1 has 180.0 and"),
+        ({}, {"robot.joint_min_deg": [-3.0] * 6, "robot.joint_max_deg": [3.0] * 6},
+         "robot: joint_min_deg (-3.0, -3.0, -3.0, -3.0, -3.0, -3.0) to joint_max_deg"),
+        ({"robot.joint_speed_max_deg_s": [*SLOWEST[1:], 21.0]},
+         {"robot.joint_speed_max_deg_s": SLOWEST}, "robot: joint_speed_max_deg_s (20."),
         ({}, {"robot.model": "rs0007l"}, "robot: model: there is no folder arms/rs0007l, valid: "),
         ({}, {"robot.model": 7}, "robot: model: there is no folder arms/7, valid: panda"),
         ({DOWNWARDS: [0.0, 0.0, -1.0009]}, {DOWNWARDS: [0.0, 0.0, -1.0011]},

@@ -168,6 +168,20 @@ def test_repeated_names_are_all_reported_with_their_lines(tmp_path: Path) -> Non
     ]
 
 
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
+        ("cell.name", "cell.name: cell is not a section"),
+    ],
+)
+def test_an_override_is_judged_like_the_file(path: str, message: str) -> None:
+    """A wrong name, a wrong value, a path through something that is no section."""
+    with pytest.raises(ConfigError) as caught:
+        load_cell(DEMO, {path: "wrong"})
+    assert [line for line in caught.value.mistakes if line.startswith(message)], str(caught.value)
+
+
 @pytest.mark.parametrize(("old", "new"), RENAMED.items())
 def test_an_old_key_is_read_with_one_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str

@@ -100,6 +100,25 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
     ]  # fmt: skip
 
 
+def test_a_service_is_bound_to_the_cores_of_its_role(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before it opens the bus, whose threads inherit them; without an entry, none."""
+    order: list[object] = []
+
+    @contextmanager
+    def connect(_: object, role: str):
+        order.append(role)
+        raise KeyboardInterrupt
+        yield
+
+    cell = CELL.model_copy(update={"cores": {"arbiter": (1, 3)}})
+    monkeypatch.setattr(service, "bind_to_cores", order.append)
+    monkeypatch.setattr(service, "cell_from_arguments", lambda _: cell)
+    for role in ("arbiter", "regulator"):
+        with pytest.raises(KeyboardInterrupt):
+            service.main(role, lambda *_: None, connect=connect)  # type: ignore[arg-type]
+    assert order == [(1, 3), "arbiter", "regulator"]
+
+
 # --- memory ---------------------------------------------------------------------------------------
 
 LOCKS = """

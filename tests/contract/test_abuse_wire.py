@@ -48,6 +48,11 @@ SILENCE_S = WATCHDOG_S + WATCHDOG_CYCLES_S + BRAKE_S
 BEAT_S = 0.05  # a corrupted packet shows when the next one has filled it up to 63 characters
 NOTICED_S = BEAT_S + BRAKE_S + 0.01
 FOR_EVER_NS = 10**15
+REST_S = 0.07  # BRAKE_S, and the steps of the rig
+LINK_SILENCE_S = 1.5  # after which the gateway's socket closes a silent connection
+TCP_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml"
+WORSE = pessimistic(GOOD.step_s)
+BEHAVIOURS = pytest.mark.parametrize("behaviour", [GOOD, WORSE], ids=["kind", "pessimistic"])
 
 
 @dataclass(frozen=True)
@@ -168,22 +173,13 @@ def test_after_abuses_in_any_order_nothing_is_misread_and_the_arm_holds(
     cell.assert_nothing_misread()
 
 
-TCP_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml"
-
 # --- peers that vanish, intrude or starve the controller ------------------------------------------
-
-REST_S = 0.07  # BRAKE_S, and the steps of the rig
 
 
 def segment_s(behaviour: Behaviour) -> float:
     """Duration of a segment from rest to rest: its planned time, or by its acceleration."""
     planned_s = 0.031
     return max(planned_s, 2.0 * math.sqrt(planned_s * behaviour.accel_time_s))
-
-
-LINK_SILENCE_S = 1.5  # after which the gateway's socket closes a silent connection
-WORSE = pessimistic(GOOD.step_s)
-BEHAVIOURS = pytest.mark.parametrize("behaviour", [GOOD, WORSE], ids=["kind", "pessimistic"])
 
 
 def give_up(cell: HostileCell) -> None:

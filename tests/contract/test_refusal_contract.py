@@ -6,7 +6,7 @@ import pytest
 
 from common.motion.back_off import SPEED_M_S
 from common.motion.convert import record_of
-from forcemesh.messages import Feedback, Gains, Goal, Permission, Speed, WrenchAtTcp
+from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
 from tests.contract.rig import Rig, distance_m, goal, pose_goal, shifted
 from tests.contract.robots import ALL, ROBOTS, Emulated
@@ -132,56 +132,28 @@ def test_a_command_that_fits_no_packet_holds_with_the_reason() -> None:
     assert distance_m(rig.T, before) < 1e-4
 
 
-SLOW = Speed(mechanical_m_s=SPEED_M_S)
-UP_N = 75.0
-
-
-def begin(rig: Rig, force_N: float = UP_N) -> pin.SE3:
-    """Open a back-off lease while a force pushes the tool upwards; return the reported pose."""
-    push(rig, force_N)
-    rig.arm(purpose="back_off")
-    assert rig.is_at_rest()
-    return pin.SE3(rig.T)
-
-
-def push(rig: Rig, force_N: float) -> None:
-    """Apply an upward force of the environment and publish it as a calibrated wrench."""
-    rig.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, force_N))
-
-
-def permission(rig: Rig) -> Permission:
-    """Return a permission to back off."""
-    return rig.permission(purpose="back_off")
-
-
-def send_goal(rig: Rig, number: int, T: pin.SE3, speed: Speed = SLOW) -> None:
-    """Send a goal under the back-off permission."""
-    rig.send("goal", goal=pose_goal(number, T), speed=speed, permission=permission(rig))
-
-
-def refused_as(rig: Rig, number: int) -> None:
-    """Wait until the robot has refused the goal of this number."""
-    rig.until(lambda: rig.state.goal.id == number and rig.state.goal.state == "refused")
-
-
-def up_m(rig: Rig, start: pin.SE3) -> float:
-    """Return the upward travel of the flange."""
-    return float(rig.T.translation[2] - start.translation[2])
-
-
 def test_above_its_ceiling_a_robot_backs_off_and_does_nothing_else(guarded_rig: Rig) -> None:
     """75 N push up, the ceiling is 60: down, aside and fast are refused; up and slowly is done."""
-    rig = guarded_rig
-    start = begin(rig)
+    rig, slow = guarded_rig, Speed(mechanical_m_s=SPEED_M_S)
+    rig.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 75.0))
+    rig.arm(purpose="back_off")
+    assert rig.is_at_rest()
+    start = pin.SE3(rig.T)
+
+    def send(number: int, T: pin.SE3, speed: Speed) -> None:
+        permission = rig.permission(purpose="back_off")
+        rig.send("goal", goal=pose_goal(number, T), speed=speed, permission=permission)
+
     wrong = [
-        (shifted(start, z_m=-0.004), SLOW),
-        (shifted(start, x_m=0.004), SLOW),
+        (shifted(start, z_m=-0.004), slow),
+        (shifted(start, x_m=0.004), slow),
         (shifted(start, z_m=0.004), Speed(mechanical_m_s=0.02)),
     ]
     for number, (T, speed) in enumerate(wrong, start=1):
-        send_goal(rig, number, T, speed)
-        refused_as(rig, number)
-        assert np.linalg.norm(rig.T.translation - start.translation) < 3e-4
-    send_goal(rig, 9, shifted(start, z_m=0.004))
+        send(number, T, speed)
+        rig.until(lambda id_=number: rig.state.goal.id == id_)  # type: ignore[misc]
+        rig.until(lambda: rig.state.goal.state == "refused")
+        assert distance_m(rig.T, start) < 3e-4
+    send(9, shifted(start, z_m=0.004), slow)
     rig.until(lambda: rig.state.goal.id == 9 and rig.state.goal.state == "done")
-    assert up_m(rig, start) == pytest.approx(0.004, abs=5e-4)
+    assert rig.T.translation[2] - start.translation[2] == pytest.approx(0.004, abs=5e-4)

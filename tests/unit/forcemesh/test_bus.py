@@ -1,17 +1,15 @@
 """Readers judge, counters count, roles are kept: the bus as services see it, in memory."""
 
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.config.load import load_cell
 from forcemesh import requests as q
 from forcemesh import topics
-from forcemesh.bus import Bus
+from forcemesh.bus import Bus, Origin
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode_record, encode
 from forcemesh.errors import BusError
@@ -102,6 +100,16 @@ def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> No
     line.clock.advance_ns(round(STALE_S * 1e9) + 1)
 
     assert "stale" in line.read().fault
+
+
+def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
+    """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
+    line.deliver(1, sensor_stamp_ns=123, sensor_seq=7)
+    assert line.read().origin == Origin(123, 7)
+    line.deliver(2, sensor_stamp_ns=124)
+    assert line.read().origin == Origin(124, 0)
+    line.deliver(3)
+    assert line.read().origin is None
 
 
 # --- what is accepted, what is counted ------------------------------------------------------------
@@ -198,13 +206,13 @@ def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
     assert [source.take() for _ in range(room + 1)] == [*newest, None]
 
 
-DEMO = Path(__file__).parents[3] / "cells" / "demo.yaml"
+# --- another cell ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)
 def test_a_message_of_another_cell_is_dropped(topic):
     """The bytes of one cell, delivered to the same topic of the next one, move nothing there."""
-    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    cell, transport, clock = CELL, MemoryTransport(), ManualClock()
     delivered = transport.subscribe(f"left/{topic.key}")
     Bus(topic.writer, "left", transport, cell, clock).publisher(topic).put(topic.message())
     reader = Bus(topic.readers[0], "right", transport, cell, clock).reader(topic)
@@ -219,7 +227,7 @@ def test_a_message_of_another_cell_is_dropped(topic):
 @pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
 def test_a_request_to_another_cell_is_refused(request_row):
     """A request to one cell is not executed by the next one."""
-    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    cell, transport, clock = CELL, MemoryTransport(), ManualClock()
     asked = request_row.message.from_dict(full(request_row.message))
     sent = []
 

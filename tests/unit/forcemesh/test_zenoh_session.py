@@ -17,6 +17,8 @@ from forcemesh.zenoh_settings import (
 )
 from tests.fakes.bench import CELL
 
+HUB = "tcp/127.0.0.1:7447"
+
 
 class Subscriber:
     """Stands in for Zenoh's: samples arrive in its channel."""
@@ -84,9 +86,6 @@ def test_a_reader_that_does_not_read_delays_no_publisher(qos: Qos) -> None:
     asked: dict[str, Any] = {}
     ZenohTransport(session).publish("cell/topic", qos)
     assert asked["congestion_control"] is zenoh.CongestionControl.DROP
-
-
-HUB = "tcp/127.0.0.1:7447"
 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])

@@ -61,12 +61,6 @@ def test_another_choice_is_refused_while_any_process_runs(tmp_path: Path, other:
     assert chosen(tmp_path) == other
 
 
-# --- the processes --------------------------------------------------------------------------------
-
-
-# --- the simulation is replaced -------------------------------------------------------------------
-
-
 # --- which cell file and which settings fit -------------------------------------------------------
 
 

@@ -17,6 +17,7 @@ from tests.unit.common.config.test_calibration import calibration
 
 DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 DEMO_CELL = load_cell(DEMO)
+PLAIN = DEMO.with_name("demo-plain.yaml")
 JUST_ABOVE = 1.0 + 1e-9
 
 
@@ -173,8 +174,7 @@ def test_nothing_above_the_usual_passes_without_the_name_of_an_assessment(
     assert changed(above | {"limits.risk_assessment": "risk 7, 2026"}).cell == "demo"
 
 
-CELLS = Path(__file__).resolve().parents[4] / "cells"
-PLAIN = CELLS / "demo-plain.yaml"
+# --- protocol plain -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("field", MOST)
@@ -185,7 +185,7 @@ def test_each_limit_has_a_lower_bound_of_its_own(field: str) -> None:
     changes = {field: 1.01 * most, "limits.risk_assessment": "assessed"}
     with pytest.raises(ConfigError, match=f"{field} is {1.01 * most:g}.*at most {most:g}"):
         load_cell(PLAIN, changes)
-    load_cell(CELLS / "demo-tcp.yaml", {field: 1.01 * most, "force.setpoint_max_N": 20})
+    load_cell(DEMO.with_name("demo-tcp.yaml"), {field: 1.01 * most, "force.setpoint_max_N": 20})
 
 
 def test_the_loop_runs_in_the_controller_only() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.security.access_control import ANY_CLIENT, access_control, rate_limits
+from common.security.access_control import ANY_CLIENT, access_control, names_of, rate_limits
 from forcemesh.identity import MONITOR, OPERATOR, PANEL, common_name
 from forcemesh.topics import DESCRIBE, HELPERS, HOLD, INFO, REQUESTS, ROLES, SELF_TEST, TOPICS
 
@@ -103,11 +103,35 @@ def test_a_monitor_may_hold_and_no_more_if_the_cell_file_allows_it() -> None:
     assert rights(cell, common_name(MONITOR, cell.cell)) == of_person(cell, asked)
 
 
+def test_a_client_with_the_hubs_certificate_receives_its_health_and_no_more(
+    cell: CellConfig,
+) -> None:
+    """The hub's own healthcheck is a client: it may publish nothing and receive one topic."""
+    health = {f"{cell.cell}/hub/health"}
+    expected = {("declare_subscriber", "ingress"): health, ("put", "egress"): health}
+    assert rights(cell, common_name("hub", cell.cell)) == expected
+
+
 def test_everything_without_a_rule_is_denied(cell: CellConfig) -> None:
     """Access control is on, its default is to deny, and no rule takes a permission away."""
     section = access_control(cell)
     assert (section["enabled"], section["default_permission"]) == (True, "deny")
     assert all(rule["permission"] == "allow" for rule in section["rules"])
+
+
+def test_no_rule_reaches_beyond_the_cell_and_every_policy_has_existing_names(
+    cell: CellConfig,
+) -> None:
+    """Keys begin with the cell's name; Zenoh refuses empty lists and unknown names."""
+    section = access_control(cell)
+    assert all(r["key_exprs"] and r["messages"] for r in section["rules"])
+    assert all(k.startswith(f"{cell.cell}/") for r in section["rules"] for k in r["key_exprs"])
+    rules = {rule["id"] for rule in section["rules"]}
+    subjects = {subject["id"] for subject in section["subjects"]}
+    assert all(set(p["rules"]) <= rules and p["rules"] for p in section["policies"])
+    assert all(set(p["subjects"]) <= subjects for p in section["policies"])
+    assert all(s.get("cert_common_names") for s in section["subjects"] if s["id"] != ANY_CLIENT)
+    assert names_of(cell) == subjects - {ANY_CLIENT}
 
 
 def test_a_cell_below_is_watched_and_commands_nothing() -> None:

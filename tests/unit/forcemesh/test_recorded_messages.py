@@ -86,6 +86,16 @@ def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> N
                 decode_recorded(data, BY_KEY[key].message, other)
 
 
+def test_the_law_of_hand_guiding_has_another_name() -> None:
+    """`guide` of version 2 is `admittance`; the other laws keep their names."""
+    for old_law, law in (("guide", "admittance"), ("plain", "plain")):
+        fields = unpack(KEPT[2, "regulator/target"], READABLE_VERSIONS) | {"law": old_law}
+        _, message = decode_recorded(
+            pack(fields), BY_KEY["regulator/target"].message, "regulator/target"
+        )
+        assert message.law == law
+
+
 @pytest.mark.parametrize(("key", "part"), [("robot/state", ()), ("robot/command", ("permission",))])
 def test_a_recording_from_before_the_challenge_has_one(key: str, part: tuple[str, ...]) -> None:
     """The same in state and permission: a replayed arbiter arms. A recorded one is kept."""

@@ -229,6 +229,12 @@ class SlowWorker(Worker):
         self._clock.sleep_s(self.busy_s)
 
 
+def test_a_service_that_is_late_steps_again_at_once() -> None:
+    """Without a pause, and without making up for what it missed."""
+    clock = ManualClock()
+    assert run_until(SlowWorker(clock, period_s=0.1), clock, 3) == [0, 300, 600]
+
+
 # --- its health -----------------------------------------------------------------------------------
 
 

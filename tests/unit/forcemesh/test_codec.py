@@ -96,16 +96,6 @@ def test_first_fields_and_body_share_no_name(record_type: type[Record]) -> None:
     assert not set(first.__struct_fields__) & set(record_type.__struct_fields__)
 
 
-@each_message
-def test_any_language_reads_a_flat_map(message_type: type[m.Message]) -> None:
-    """Plain msgpack has header and body in one map, under the names of the fields."""
-    message = message_type.from_dict(full(message_type))
-    fields = msgpack.unpackb(encode(HEADER, message), use_list=False)
-
-    assert fields == HEADER.as_dict() | full(message_type)
-    assert (fields["seq"], fields["epoch"], fields["boot"], fields["stamp_ns"]) == (7, 1, "boot", 2)
-
-
 @each_type
 def test_a_number_that_is_not_finite_is_refused_everywhere(record_type: type[Record]) -> None:
     """Swept: every number, NaN and both infinities, by the reader and before that by the writer."""

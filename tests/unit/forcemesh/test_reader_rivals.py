@@ -23,14 +23,6 @@ def pause_s(line: Line, duration_s: float) -> None:
 # --- two writers (H11) ----------------------------------------------------------------------------
 
 
-def test_one_writer_is_no_conflict(line: Line) -> None:
-    """However long it publishes."""
-    for seq in range(1, 200):
-        pause_s(line, 0.004)
-        line.deliver(seq)
-        assert not line.read().conflict
-
-
 def test_a_second_writer_is_detected_with_its_first_message(line: Line) -> None:
     """The first one has spoken a moment ago, and no process restarts as quickly as that."""
     line.deliver(1, epoch=A)
@@ -105,15 +97,6 @@ def test_more_bad_messages_than_good_ones_are_a_fault(line: Line) -> None:
     assert (reading.code, reading.fresh) == ("bad_messages", None)
     assert "6 repeated" in reading.fault
     assert reading.code in FAULTS
-
-
-def test_bad_messages_now_and_then_are_only_counted(line: Line) -> None:
-    """As many good ones between them as bad ones: the counter does not grow."""
-    for seq in range(1, 300):
-        line.deliver(seq)
-        line.deliver(seq)
-        assert line.read().fault == ""
-    assert line.reader.counters.repeated == 299
 
 
 def test_the_counter_saturates_so_that_order_comes_back(line: Line) -> None:

@@ -33,7 +33,6 @@ RECORDS = sorted({r.message for r in REQUESTS} | {q.Reply}, key=lambda t: t.__na
 EVERYTHING: list[type[Record]] = [*MESSAGES, *RECORDS]
 HEADER = Header(seq=7, epoch=1, boot="boot", stamp_ns=2)
 
-each_message = pytest.mark.parametrize("message_type", MESSAGES)
 each_type = pytest.mark.parametrize("record_type", EVERYTHING)
 
 headers = records(Header).map(lambda header: header.replaced(v=SCHEMA_VERSION))

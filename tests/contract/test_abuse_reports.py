@@ -109,11 +109,6 @@ def begin_spoilt(com: bytes, place: int, char: Callable[[int], int]) -> HostileC
     return cell
 
 
-def set_points(cell: HostileCell) -> list[str]:
-    """Return the set points that the program has read from its ring."""
-    return [packet.chars for packet in cell.taken if packet.chars[7:13] == "000013"]
-
-
 def spoil(com: bytes, place: int, char: int) -> None:
     """Corrupt reports in every motion and at the beginning of a stream."""
     for motion in ("goal", "stream", "feedback"):
@@ -130,15 +125,10 @@ def test_a_stream_begins_no_farther_than_a_step_from_where_the_arm_is(
 
     200 mm or 20 degrees are refused by the controller alone: all other checks use the report.
     """
-    cell = begin_spoilt(b"000101", place_of(field, digit), other)
+    cell = begin_spoilt(b"000101", (3 + field) * FRAME_STRIDE + digit, other)
     if digit == 1 and field < 4:
-        assert set_points(cell)
+        assert [packet for packet in cell.taken if packet.chars[7:13] == "000013"]
         assert "the controller refused a set point" in cell.rig.state.hold_reason
-
-
-def place_of(field: int, digit: int) -> int:
-    """Return the position of a digit of one of the six numbers in a packet."""
-    return (3 + field) * FRAME_STRIDE + digit
 
 
 @pytest.mark.long

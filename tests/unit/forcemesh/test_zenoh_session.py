@@ -11,10 +11,7 @@ from common.bus.cell_bus import hub_settings
 from forcemesh.codec import MAX_BYTES
 from forcemesh.topics import CLIENT, HELPERS, ROLES, Qos
 from forcemesh.zenoh_session import ZenohSource, ZenohTransport
-from forcemesh.zenoh_settings import (
-    BATCH_B,
-    client_settings,
-)
+from forcemesh.zenoh_settings import BATCH_B, client_settings
 from tests.fakes.bench import CELL
 
 HUB = "tcp/127.0.0.1:7447"

@@ -7,11 +7,7 @@ from pathlib import Path
 import pytest
 
 from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
-from common.bus.profile_lock import (
-    acquire,
-    chosen,
-    hold,
-)
+from common.bus.profile_lock import acquire, chosen, hold
 from common.config.load import load_cell
 
 ROOT = Path(__file__).resolve().parents[4]

@@ -9,13 +9,7 @@ import yaml
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
-from common.config.load import (
-    CALIBRATION,
-    cell_from_tree,
-    dump_cell,
-    load_cell,
-    named_file,
-)
+from common.config.load import CALIBRATION, cell_from_tree, dump_cell, load_cell, named_file
 from common.config.payload import Payload
 from forcemesh.errors import ConfigError
 

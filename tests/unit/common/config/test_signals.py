@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.config.signals import (
-    GROUP,
-    INPUTS,
-    OUTPUTS,
-    SignalSection,
-    groups,
-    judge,
-    resolve,
-)
+from common.config.signals import GROUP, INPUTS, OUTPUTS, SignalSection, groups, judge, resolve
 from forcemesh.errors import ConfigError
 from forcemesh.faults import tripped
 from forcemesh.messages import MAX_SIGNALS, Asker

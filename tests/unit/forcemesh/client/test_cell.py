@@ -8,13 +8,7 @@ import pytest
 
 from common.bus.configured_cell import ConfiguredCell
 from forcemesh import topics
-from forcemesh.client import (
-    ArmStoppedError,
-    DataError,
-    LostError,
-    NotReachedError,
-    RefusedError,
-)
+from forcemesh.client import ArmStoppedError, DataError, LostError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS
 from forcemesh.messages import PoseRecord
 from forcemesh.requests import Empty, HoldRequest, MoveRequest

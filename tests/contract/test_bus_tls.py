@@ -192,19 +192,3 @@ def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
         assert hub.fault.startswith(f"monitor.tls has {MOST_LINKS + 1} links; more than")
         for session in [*few, *many]:
             session.close()
-
-
-def test_a_foreign_certificate_does_not_get_in(
-    cell: CellConfig, scratch: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An arbiter of another authority gets an error that the hub may be refusing it."""
-    foreign = scratch / "foreign"
-    if not foreign.exists():
-        make_certificates(cell, foreign, scratch)
-    with open_hub(cell):
-        monkeypatch.setenv(FOLDER_VARIABLE, str(foreign))
-        with (
-            pytest.raises(BusError, match="or it refuses this certificate"),
-            open_bus(cell, "arbiter", patience_s=1.0),
-        ):
-            pass

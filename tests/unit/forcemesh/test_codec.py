@@ -277,6 +277,8 @@ def test_deep_and_wide_nesting_is_refused(record_type: type[Record]) -> None:
             read(bytes([fields[0] + 1]) + fields[1:] + b"\xa3new" + bomb, record_type)
     with pytest.raises(MessageError):
         read(msgpack.packb({f"k{i}": i for i in range(MAX_ITEMS + 1)}), record_type)
+    with pytest.raises(MessageError):
+        read(msgpack.packb({"new": (0,) * (MAX_ITEMS + 1)}), record_type)
 
 
 @each_type

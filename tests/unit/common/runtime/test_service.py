@@ -230,9 +230,12 @@ class SlowWorker(Worker):
 
 
 def test_a_service_that_is_late_steps_again_at_once() -> None:
-    """Without a pause, and without making up for what it missed."""
+    """Without a pause, and without making up for all that it missed in a stall."""
     clock = ManualClock()
     assert run_until(SlowWorker(clock, period_s=0.1), clock, 3) == [0, 300, 600]
+    runner, stalled_ns = Runner(Worker(clock, period_s=0.1), [], clock), clock.now_ns() + 1000 * MS
+    assert runner.step(clock.now_ns())
+    assert [runner.step(stalled_ns) for _ in range(5)] == [True, True, True, False, False]
 
 
 # --- its health -----------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 """Refusals of every robot, and the properties of single robots that `robots.py` states."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -121,8 +123,9 @@ def test_set_points_that_run_faster_than_the_cell_allows_end_in_hold(guarded_rig
 
 def test_a_command_that_fits_no_packet_holds_with_the_reason() -> None:
     """Nothing is clipped: 99 units per millimetre reach no further than 1010 mm."""
-    wide = {"limits.workspace_min_m": [-2.0] * 3, "limits.tether_m": 5.0}
-    rig = Emulated(**wide, **{"gateway.position_per_mm": 99}).rig
+    wide: dict[str, Any] = {"limits.workspace_min_m": [-2.0] * 3, "limits.tether_m": 5.0}
+    wide["gateway.position_per_mm"] = 99
+    rig = Emulated(**wide).rig
     rig.connect()
     rig.arm()
     before = rig.T

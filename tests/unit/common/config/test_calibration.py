@@ -83,6 +83,7 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     cell = load_cell(path)
     assert cell.calibration == calibration()
     assert named_file(path, CALIBRATION) == path.parent / "../calibration/demo.yaml"
+    assert load_cell(DEMO, with_files=False).calibration == "none"
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell

@@ -130,6 +130,11 @@ def test_values_that_do_not_go_together_are_refused(
     assert line.startswith(mistake)
 
 
+def test_a_cell_is_a_key_of_caches() -> None:
+    """Also with a table of cores."""
+    assert len({changed({"cores": {"arbiter": [1]}}), changed({}), changed({})}) == 2
+
+
 def test_a_gateway_needs_an_arm_of_six_joints() -> None:
     """The packet has six; seven are for the simulated or an external robot."""
     panda = yaml.safe_load((DEMO.parent / "panda.yaml").read_text())

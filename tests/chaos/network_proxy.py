@@ -17,7 +17,7 @@ from tests.chaos.network_faults import Ends
 from tests.chaos.network_judge import TrialBounds
 from tests.chaos.network_play import CABLE, Row, bounds_of, is_selected, played
 from tests.chaos.network_trials import NetworkTrial
-from tests.fakes.hostile_proxy import HostileProxy
+from tests.chaos.tcp_proxy import HostileProxy
 from tests.fakes.hostile_stream import MS, Abuse, Chop, Gather
 
 DIRECTIONS = ("to_controller", "to_gateway")

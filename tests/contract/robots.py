@@ -5,7 +5,6 @@ All run on a virtual clock. The emulated robots are the gateway and the shipped 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -26,7 +25,6 @@ from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
 from tests.fakes.controller import PORT
 
-PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
 GOOD = Behaviour(step_s=1e-4)  # a controller with time for the program
 
 
@@ -38,12 +36,13 @@ class Emulated:
         behaviour: Behaviour = GOOD,
         host: Host = "controller",
         cell: CellConfig | None = None,
+        network: MemoryNetwork | None = None,
         **overrides: object,
     ) -> None:
         changes: dict[str, object] = {
             "rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25, **overrides
         }  # fmt: skip
-        self.network = MemoryNetwork()
+        self.network = network or MemoryNetwork()
         self.controller: ControllerSensor | None = None
         self._behaviour = behaviour
         cell = cell or gateway_cell(PORT, **changes)
@@ -70,7 +69,8 @@ class Emulated:
         machine.pendant.monitor_speed(100.0)
         machine.pendant.execute(program.start)
         runner = Runner(self.controller, [], bus.clock)
-        return Both(lock_step(bus, cell, self.network), runner.step)
+        self.wire = LockStepLink(self.network, PORT, LinkEvents)
+        return Both(Gateway(bus, cell, self.wire), runner.step)
 
     @property
     def machine(self) -> Machine:

@@ -3,20 +3,18 @@
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from common.bus.cell_bus import HUB_TRANSPORT, open_bus, open_hub
+from common.bus.cell_bus import open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.errors import BusError
 from forcemesh.messages import Message, WrenchAtTcp
-from forcemesh.requests import ArmRequest, HoldRequest, Reply
 from forcemesh.zenoh_session import ReceiverThread
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from tests.fakes.waiting import wait_until
@@ -57,27 +55,6 @@ def seq(reader: Reader) -> int:
     """Return the number of the newest message."""
     header = reader.read(time.monotonic_ns()).header
     return 0 if header is None else header.seq
-
-
-@contextmanager
-def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Reply]):
-    """Serve a request from another thread, as a service does in its loop."""
-    inbox, done = bus.inbox(request), threading.Event()
-    taken: list[object] = []
-
-    def serve() -> None:
-        while not done.wait(0.002):
-            for incoming in inbox.take_all():
-                taken.append(incoming.request)
-                incoming.reply(answer(incoming.request))
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield taken
-    finally:
-        done.set()
-        thread.join()
 
 
 @pytest.mark.usefixtures("hub")
@@ -126,38 +103,6 @@ def test_no_thread_outlives_its_bus(cell: CellConfig, monkeypatch: pytest.Monkey
     assert set(threading.enumerate()) <= before
 
 
-@pytest.mark.usefixtures("hub")
-def test_a_request_is_answered_by_the_role_that_serves_it(cell: CellConfig) -> None:
-    """The request arrives as it was sent, and so does the reply."""
-    refusal = Reply(accepted=False, code="busy", text="not now", value=1.5, limit=1.0)
-    with (
-        open_bus(cell, "arbiter") as arbiter,
-        open_bus(cell, topics.CLIENT) as client,
-        answering(arbiter, topics.HOLD, lambda _: refusal) as taken,
-    ):
-        message = HoldRequest(reason="lunch")
-        assert client.ask(topics.HOLD, message, PATIENCE_S) == refusal
-        assert taken == [message]
-
-
-@pytest.mark.usefixtures("hub")
-def test_a_request_is_repeated_until_a_service_serves_it(cell: CellConfig) -> None:
-    """A service that starts while the request is open still replies, and executes it once."""
-    replies: list[Reply] = []
-    with open_bus(cell, topics.CLIENT) as client:
-        asker = threading.Thread(
-            target=lambda: replies.append(client.ask(topics.ARM, ArmRequest(), PATIENCE_S))
-        )
-        asker.start()
-        with (
-            open_bus(cell, "arbiter") as arbiter,
-            answering(arbiter, topics.ARM, lambda _: Reply(accepted=True)) as taken,
-        ):
-            asker.join(PATIENCE_S)
-        assert replies == [Reply(accepted=True)]
-        assert len(taken) == 1
-
-
 def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:
     """It names the endpoint."""
     with (
@@ -165,34 +110,3 @@ def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:
         open_bus(cell, topics.CLIENT, patience_s=0.2),
     ):
         pass
-
-
-def test_a_client_beyond_the_most_sessions_gets_the_number(
-    cell: CellConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The session of another client has to end first."""
-    monkeypatch.setitem(HUB_TRANSPORT, "unicast", {"max_sessions": 1})
-    with (
-        open_hub(cell),
-        open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S),
-        pytest.raises(BusError, match="a hub serves at most 64 processes at once"),
-        open_bus(cell, topics.CLIENT, patience_s=0.2),
-    ):
-        pass
-
-
-@pytest.mark.usefixtures("hub")
-def test_two_hubs_on_one_endpoint_are_one_clear_error(cell: CellConfig) -> None:
-    """The second one never listens."""
-    with pytest.raises(BusError, match=f"cannot listen on {cell.bus.endpoint}"), open_hub(cell):
-        pass
-
-
-def test_environment_moves_the_endpoint(cell: CellConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a container the hub has another address than in the cell file."""
-    monkeypatch.setenv(ENDPOINT_VARIABLE, cell.bus.endpoint)
-    elsewhere = cell.model_copy(
-        update={"bus": cell.bus.model_copy(update={"endpoint": "tcp/127.0.0.1:1"})}
-    )
-    with open_hub(elsewhere), open_bus(elsewhere, topics.CLIENT, patience_s=PATIENCE_S) as bus:
-        assert bus.cell == "zenoh"

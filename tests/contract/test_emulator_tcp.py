@@ -1,17 +1,13 @@
 """The TCP instructions as AS programs use them: codes, variables and times."""
 
-import socket
-import time
 from collections.abc import Callable
 
 import pytest
 
-from sim.controller.behaviour import Behaviour, pessimistic
-from sim.controller.network import MemoryStream, SocketNetwork
-from tests.fakes.as_bench import FAST, AsBench, program
+from sim.controller.network import MemoryStream
+from tests.fakes.as_bench import AsBench, program
 
 PORT = 49152
-REAL_DEADLINE_S = 20.0
 
 SERVER = program(
     "TCP_LISTEN r, 49152",
@@ -93,24 +89,6 @@ def test_a_time_out_is_34024_after_its_time_and_other_programs_go_on() -> None:
     assert bench.value("n") == pytest.approx(190, abs=12)
 
 
-@pytest.mark.parametrize(
-    ("behaviour", "timeout_s", "lasts_s"),
-    [
-        (FAST, 0.2, 0.2),
-        (FAST, 1.2, 1.2),
-        (pessimistic(2e-5), 0.2, 1.0),
-        (pessimistic(2e-5), 1.2, 2.0),
-    ],
-)
-def test_a_fraction_of_a_second_in_a_time_out_is_an_open_question(
-    behaviour: Behaviour, timeout_s: float, lasts_s: float
-) -> None:
-    """Honoured by default, rounded up to a whole second by the pessimistic controller."""
-    source = program("TCP_LISTEN r, 49152", "t1 = TIMER(0)", f"TCP_ACCEPT a, 49152, {timeout_s}",
-                     "t = TIMER(0)-t1")  # fmt: skip
-    assert AsBench(source, behaviour).run().value("t") == pytest.approx(lasts_s, abs=0.02)
-
-
 def test_listener_and_socket_survive_an_abort() -> None:
     """As on the controller: the next TCP_LISTEN fails until the port is freed."""
     bench, client = connected()
@@ -134,40 +112,3 @@ def test_wrong_numbers_give_the_documented_codes() -> None:
     bench = AsBench(source).run()
     codes = [bench.value(name) for name in "abcdefg"]
     assert codes == [-34056, -34057, -34056, -34057, -34057, -34023, -34022]
-
-
-def test_sending_an_undefined_element_is_e0104() -> None:
-    """Elements behind the last one that is defined cannot be sent."""
-    source = program('$y[0] = "q"', "TCP_SEND e, 1, $y[0], 2")
-    assert AsBench(source).fail().code == "E0104"
-
-
-@pytest.mark.realtime
-def test_a_program_connects_to_a_server_of_ours() -> None:
-    """TCP_CONNECT, TCP_SEND and TCP_RECV as a client on a real socket."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        port = listening.getsockname()[1]
-        source = program("ip[1] = 127", "ip[2] = 0", "ip[3] = 0", "ip[4] = 1",
-                         f"TCP_CONNECT s, {port}, ip[1], 5", '$a[1] = "ask"',
-                         "TCP_SEND r, s, $a[1], 1", "n = 0",
-                         "TCP_RECV r, s, $b[1], n, 5", "TCP_CLOSE r, s")  # fmt: skip
-        bench = AsBench(source)
-        bench.machine.tcp._network = SocketNetwork(port=0)
-        bench.start()
-        listening.settimeout(REAL_DEADLINE_S)
-        advance_until(bench, lambda: bench.value("r") is not None)
-        peer, _ = listening.accept()
-        with peer:
-            peer.settimeout(REAL_DEADLINE_S)
-            assert peer.recv(100) == b"ask"
-            peer.sendall(b"sent")
-            advance_until(bench, lambda: bench.task.state == "idle")
-    assert bench.value("$b[1]") == "sent"
-    assert not bench.machine.stops
-
-
-def advance_until(bench: AsBench, condition: Callable[[], object]) -> None:
-    """Advance the controller in real time until a condition is true."""
-    deadline = time.monotonic() + REAL_DEADLINE_S
-    while not bench.advance(0.01, condition):
-        assert time.monotonic() < deadline, "the controller does not do it"

@@ -5,49 +5,13 @@ from typing import Any
 
 import pytest
 
-from common.runtime.service import HealthReporter, Runner
 from controller.packet_table import COUNTER_SPAN
-from forcemesh import topics
-from forcemesh.messages import Health
-from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
 
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
 RATES = {"program_loop_hz", "sender_hz"}
 FROM_103 = {"monitor_speed_fraction", "any_peer_may_connect"}
-
-
-class Listener:
-    """Publishes the health of a rig's robot and keeps the newest message."""
-
-    def __init__(self, rig: Rig) -> None:
-        reporter = HealthReporter(rig._robot, rig.cell)
-        rig._runner = Runner(rig.service, [reporter], rig.clock)
-        self._rig, self._reader = rig, rig._bus(topics.CLIENT).reader(topics.HEALTH["robot"])
-
-    @property
-    def health(self) -> Health:
-        """The newest health."""
-        return self._reader.read(self._rig.clock.now_ns()).message or Health()
-
-
-def test_a_figure_is_absent_before_it_is_measured() -> None:
-    """Without hello no figure; a program that executes nothing has no round trip of execution."""
-    emulated = Emulated()
-    rig, machine = emulated.rig, emulated.machine
-    listener = Listener(rig)
-    rig.until(lambda: listener.health.fault)
-    assert listener.health.numbers == {}
-    rig.until(lambda: machine.tcp.sockets)
-    rig.stall(True)
-    rig.until(lambda: set(listener.health.numbers) >= FRAMED)
-    assert not set(listener.health.numbers) & (TAKEN | RATES)
-    rig.until(lambda: set(listener.health.numbers) >= RATES)
-    assert not set(listener.health.numbers) & TAKEN
-    machine.tcp.close_all()
-    rig.until(lambda: not listener.health.numbers)
-    assert listener.health.fault
 
 
 def counted(emulated: Emulated, name: str):

@@ -16,7 +16,6 @@ from common.runtime.stop import StopSignal
 from forcemesh.bus import Bus
 from forcemesh.clock import MonotonicClock
 from forcemesh.codec import decode
-from forcemesh.errors import SimulationError
 from forcemesh.messages import SensorWrench
 from services.sensor.service import SensorDriver
 from sim.netft.protocol import About
@@ -161,9 +160,3 @@ def test_a_bias_that_another_client_sets_shows_in_the_sensor() -> None:
         assert next(samples).force[2] == pytest.approx(5.0)
         client.bias()
         assert any(abs(sample.force[2]) < 1e-6 for sample in islice(samples, 2000))
-
-
-def test_a_port_in_use_is_reported() -> None:
-    """In one sentence, with the ports."""
-    with streaming() as server, pytest.raises(SimulationError, match=rf"UDP {server.port}"):
-        NetftServer(NetftSensor(), port=server.port)

@@ -138,24 +138,6 @@ def test_it_moves_to_a_pose_to_joint_angles_and_by_joint_rotations(bench):
     assert client.taken == id_
 
 
-def test_a_second_motion_begins_at_once(bench):
-    """Halfway to the first target: the arm turns round, and never comes to the first one."""
-    client = bench.client
-    client.send(5, 0, [100, 100, 100, 100, 0, 0])
-    x, y, z, o, a, t = client.pose
-    client.send(1, 0, [x, y, z + 100, o, a, t])
-    client.until(lambda: client.pose[2] >= z + 40)
-    client.send(1, 0, [x, y, z + 10, o, a, t])
-    highest = [z]
-
-    def back() -> bool:
-        highest.append(client.pose[2])
-        return client.pose[2] == z + 10
-
-    client.until(back)
-    assert max(highest) < z + 60
-
-
 def test_it_presses_and_releases_by_force_feedback(bench):
     """Commands f, g and d: 10 N, then zero; Param 2 ends it, and a reading then moves nothing."""
     client = bench.client

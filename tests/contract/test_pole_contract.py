@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from common.motion.convert import record_of
-from common.motion.frames import rotate_about_base_axes, rotation_between
+from common.motion.frames import oat_from_R, rotate_about_base_axes, rotation_between
 from forcemesh.messages import Gains, Speed
 from tests.contract.rig import Rig, goal, pose_goal
 
@@ -72,6 +72,29 @@ def test_moves_through_a_pole_turn_about_their_one_axis(rig: Rig, a_deg: int, ax
         reached_rad = rotation_between(T_pole.rotation, rig.T.rotation) @ AXES[axis]
         assert reached_rad == pytest.approx(angle_rad, abs=3e-3)
     assert_a_plain_turn(rig, T_pole, axis)
+
+
+def angle_rad(T_from: pin.SE3, T_to: pin.SE3) -> float:
+    """Return the angle between two orientations."""
+    return float(np.linalg.norm(rotation_between(T_from.rotation, T_to.rotation)))
+
+
+def test_moves_over_the_end_of_a_range_turn_by_no_more_than_commanded(rig: Rig) -> None:
+    """O goes over 180 degrees: from start to each pose to the end is the direct rotation."""
+    T, values = at_pole(rig, 180), []
+    turns_deg = ((0.0, 15.0, 0.0), (0.0, 0.0, 6.0), (0.0, 0.0, -12.0))
+    for number, turn_deg in enumerate(turns_deg, start=PARTS + 1):
+        R = rotate_about_base_axes(T.rotation, np.radians(turn_deg))
+        T_to = pin.SE3(R, T.translation)
+        rig.track.clear()
+        rig.send("goal", goal=pose_goal(number, T_to))
+        rig.until(lambda id_=number: rig.state.goal.id == id_)  # type: ignore[misc]
+        rig.until(lambda: rig.state.goal.state == "done")
+        for _, U in rig.track:
+            assert angle_rad(T, U) + angle_rad(U, T_to) < angle_rad(T, T_to) + 1.5e-3
+        T = T_to
+        values.append(oat_from_R(T.rotation).o)
+    assert np.ptp(values) > np.radians(300.0), "no move goes over the end of the range"
 
 
 @pytest.mark.parametrize("a_deg", AT_POLE_DEG)

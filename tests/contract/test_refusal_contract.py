@@ -1,14 +1,17 @@
 """Refusals of every robot, and the properties of single robots that `robots.py` states."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from common.motion.back_off import SPEED_M_S
 from common.motion.convert import record_of
 from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
 from tests.contract.rig import Rig, distance_m, goal, pose_goal, shifted
-from tests.contract.robots import ALL, ROBOTS
+from tests.contract.robots import ALL, ROBOTS, Emulated
 
 # The tool reaches back into the workspace; the wrist would be 1.1 m away from the shoulder.
 FAR_AWAY = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.93, 0.5]))
@@ -116,3 +119,44 @@ def test_set_points_that_run_faster_than_the_cell_allows_end_in_hold(guarded_rig
     assert rig.is_at_rest()
     assert distance_m(rig.T, start) < 0.05
     assert rig.fastest(0.1)[0] / 0.1 < 1.35 * limit_m_s
+
+
+def test_a_command_that_fits_no_packet_holds_with_the_reason() -> None:
+    """Nothing is clipped: 99 units per millimetre reach no further than 1010 mm."""
+    wide: dict[str, Any] = {"limits.workspace_min_m": [-2.0] * 3, "limits.tether_m": 5.0}
+    wide["gateway.position_per_mm"] = 99
+    rig = Emulated(**wide).rig
+    rig.connect()
+    rig.arm()
+    before = rig.T
+    rig.send("goal", goal=pose_goal(1, shifted(before, x_m=-1.5)))
+    rig.until(lambda: rig.state.hold_code == "unsendable")
+    assert "the packet holds -1010.09" in rig.state.hold_reason
+    assert distance_m(rig.T, before) < 1e-4
+
+
+def test_above_its_ceiling_a_robot_backs_off_and_does_nothing_else(guarded_rig: Rig) -> None:
+    """75 N push up, the ceiling is 60: down, aside and fast are refused; up and slowly is done."""
+    rig, slow = guarded_rig, Speed(mechanical_m_s=SPEED_M_S)
+    rig.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 75.0))
+    rig.arm(purpose="back_off")
+    assert rig.is_at_rest()
+    start = pin.SE3(rig.T)
+
+    def send(number: int, T: pin.SE3, speed: Speed) -> None:
+        permission = rig.permission(purpose="back_off")
+        rig.send("goal", goal=pose_goal(number, T), speed=speed, permission=permission)
+
+    wrong = [
+        (shifted(start, z_m=-0.004), slow),
+        (shifted(start, x_m=0.004), slow),
+        (shifted(start, z_m=0.004), Speed(mechanical_m_s=0.02)),
+    ]
+    for number, (T, speed) in enumerate(wrong, start=1):
+        send(number, T, speed)
+        rig.until(lambda id_=number: rig.state.goal.id == id_)  # type: ignore[misc]
+        rig.until(lambda: rig.state.goal.state == "refused")
+        assert distance_m(rig.T, start) < 3e-4
+    send(9, shifted(start, z_m=0.004), slow)
+    rig.until(lambda: rig.state.goal.id == 9 and rig.state.goal.state == "done")
+    assert rig.T.translation[2] - start.translation[2] == pytest.approx(0.004, abs=5e-4)

@@ -6,7 +6,6 @@ that a test can prove that the abuse had an effect.
     push(data) ─► waiting ─► abuse.pass_on(waiting, now) ─► pieces, each written on its own
 """
 
-import random
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -204,11 +203,6 @@ class Hop:
     def cuts(self) -> bool:
         """Whether an abuse resets the connection."""
         return self.to_controller.abuse.cuts or self.to_gateway.abuse.cuts
-
-
-def junk(rng: random.Random, count: int) -> bytes:
-    """Return bytes that are in no valid packet."""
-    return bytes(rng.choice(b"\x00\n\r\x1b\xff+.eExX_*~") for _ in range(count))
 
 
 def _take(waiting: bytearray, count: int) -> bytes:

@@ -1,17 +1,21 @@
 """A certificate that expires while the arm of a whole cell presses, in processes."""
 
+import datetime as dt
 import subprocess
 import time
 from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 
 from common.bus.cell_bus import open_bus
+from common.config.cell import CellConfig
 from common.config.load import load_cell
+from common.security.pki import Pair, make_certificate, read_authority, write_pair
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from tests.chaos.common_net import CellUnderTest
-from tests.contract.test_bus_expiry import shorten
 from tests.scenario.conftest import PATIENCE_S, ROOT, wait_for
 from tests.scenario.test_demo_processes import forcemesh, status_of
 
@@ -19,6 +23,29 @@ VALID_S = 45.0  # long enough to be up and to press on a loaded machine
 LATE_S = 5.0  # until the hub has closed the link and the others have missed its messages
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
+
+
+def shorten(folder: Path, name: str, cell: CellConfig, valid_s: float) -> float:
+    """Replace a certificate by one that expires soon; return the expiry time, wall clock [s]."""
+    authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
+    new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
+    ends = now.replace(microsecond=0) + dt.timedelta(seconds=valid_s)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(new.certificate.subject)
+        .issuer_name(new.certificate.issuer)
+        .public_key(new.key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - dt.timedelta(hours=1))
+        .not_valid_after(ends)
+    )
+    for extension in new.certificate.extensions:
+        builder = builder.add_extension(extension.value, critical=extension.critical)
+    made = builder.sign(authority.key, hashes.SHA256())
+    for kind in ("pem", "key"):
+        (folder / f"{name}.{kind}").unlink()
+    write_pair(folder, name, Pair(made, new.key), owner=None)
+    return ends.timestamp()
 
 
 @pytest.mark.parametrize("role", ["wrench", "arbiter"])

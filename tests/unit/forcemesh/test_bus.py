@@ -6,16 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus.memory_bus import MemoryTransport
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from forcemesh import requests as q
 from forcemesh import topics
-from forcemesh.bus import Origin
-from forcemesh.codec import encode
+from forcemesh.bus import Bus, Origin
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode_record, encode
 from forcemesh.errors import BusError
 from forcemesh.messages import SensorWrench, WrenchAtTcp
 from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS
 from tests.fakes.bench import CELL
-from tests.fakes.line import STALE_S, Line
 from tests.fakes.records import full
+from tests.unit.forcemesh.conftest import STALE_S, Line
 from tests.unit.forcemesh.test_inbox import bus_of
 
 MS = 1_000_000
@@ -100,15 +102,6 @@ def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> No
     assert "stale" in line.read().fault
 
 
-def test_a_repeated_message_does_not_refresh_an_old_one(line: Line) -> None:
-    """A switch that plays the last packet again cannot keep a dead writer alive."""
-    line.deliver(1)
-    for _ in range(20):
-        line.clock.advance_ns(10 * MS)
-        assert not line.deliver(1)
-    assert "stale" in line.read().fault
-
-
 def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
     """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
     line.deliver(1, sensor_stamp_ns=123, sensor_seq=7)
@@ -175,23 +168,6 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
     assert line.read().fresh is not None
 
 
-def test_only_the_newest_is_read() -> None:
-    """A reader that was busy finds the last of many; missed ones are counted."""
-    transport = MemoryTransport()
-    bus = bus_of("wrench", transport)
-    reader = bus.reader(topics.SENSOR_WRENCH)
-    publisher = bus_of("sensor", transport).publisher(topics.SENSOR_WRENCH)
-    for counter in range(1, 11):
-        publisher.put(SensorWrench(counter=counter))
-
-    assert reader.read(bus.clock.now_ns()).message == SensorWrench(counter=10)
-    assert not reader.poll()
-    publisher.put(SensorWrench(counter=11))
-    publisher.put(SensorWrench(counter=12))
-    assert reader.poll()
-    assert reader.counters.superseded == 1
-
-
 # --- roles ----------------------------------------------------------------------------------------
 
 
@@ -230,10 +206,45 @@ def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
     assert [source.take() for _ in range(room + 1)] == [*newest, None]
 
 
-def test_a_process_that_plays_two_roles_is_two_writers() -> None:
-    """Each role has its own epoch, so that the readers of one do not retire the other."""
-    robot = bus_of("robot")
-    sensor = robot.playing("sensor")
+# --- another cell ---------------------------------------------------------------------------------
 
-    assert (sensor.role, sensor.cell) == ("sensor", "demo")
-    assert sensor.epoch != robot.epoch
+
+@pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)
+def test_a_message_of_another_cell_is_dropped(topic):
+    """The bytes of one cell, delivered to the same topic of the next one, move nothing there."""
+    cell, transport, clock = CELL, MemoryTransport(), ManualClock()
+    delivered = transport.subscribe(f"left/{topic.key}")
+    Bus(topic.writer, "left", transport, cell, clock).publisher(topic).put(topic.message())
+    reader = Bus(topic.readers[0], "right", transport, cell, clock).reader(topic)
+    data = delivered.take()
+    assert data is not None
+    transport.publish(f"right/{topic.key}", topic.qos)(data)
+    assert not reader.poll()
+    assert reader.counters.misrouted == 1
+    assert "addressed to 'left/" in reader.counters.last_error
+
+
+@pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
+def test_a_request_to_another_cell_is_refused(request_row):
+    """A request to one cell is not executed by the next one."""
+    cell, transport, clock = CELL, MemoryTransport(), ManualClock()
+    asked = request_row.message.from_dict(full(request_row.message))
+    sent = []
+
+    def deliver(_timeout_s, _until):
+        call = transport.serve(f"left/{request_row.key}").take()
+        assert call is not None
+        sent.append(call.data)
+
+    transport.advance = deliver
+    transport.serve(f"left/{request_row.key}")
+    with pytest.raises(BusError):  # no one answers: the bytes are what counts
+        Bus(topics.CLIENT, "left", transport, cell, clock).ask(request_row, asked)
+    inbox = Bus(request_row.server, "right", transport, cell, clock).inbox(request_row)
+    call = MemoryCall(sent[0])
+    transport.serve(f"right/{request_row.key}").waiting.append(call)
+    for incoming in inbox.take_all():  # a hold is taken from any client, and reported
+        assert request_row in (topics.HOLD, topics.FORCE_STOP)
+        incoming.reply(q.Reply(accepted=True))
+    assert call.reply is not None
+    assert "addressed to 'left/" in decode_record(call.reply, q.Reply).text

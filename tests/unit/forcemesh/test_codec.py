@@ -33,16 +33,9 @@ RECORDS = sorted({r.message for r in REQUESTS} | {q.Reply}, key=lambda t: t.__na
 EVERYTHING: list[type[Record]] = [*MESSAGES, *RECORDS]
 HEADER = Header(seq=7, epoch=1, boot="boot", stamp_ns=2)
 
-each_message = pytest.mark.parametrize("message_type", MESSAGES)
 each_type = pytest.mark.parametrize("record_type", EVERYTHING)
 
 headers = records(Header).map(lambda header: header.replaced(v=SCHEMA_VERSION))
-anything = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
-    | st.binary(),
-    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(), inner, max_size=5),
-    max_leaves=12,
-)  # fmt: skip
 
 WRONG: dict[type, tuple[Any, ...]] = {
     float: ("0.5", True, None, (0.5,), {}),
@@ -102,16 +95,6 @@ def test_first_fields_and_body_share_no_name(record_type: type[Record]) -> None:
     assert not set(first.__struct_fields__) & set(record_type.__struct_fields__)
 
 
-@each_message
-def test_any_language_reads_a_flat_map(message_type: type[m.Message]) -> None:
-    """Plain msgpack has header and body in one map, under the names of the fields."""
-    message = message_type.from_dict(full(message_type))
-    fields = msgpack.unpackb(encode(HEADER, message), use_list=False)
-
-    assert fields == HEADER.as_dict() | full(message_type)
-    assert (fields["seq"], fields["epoch"], fields["boot"], fields["stamp_ns"]) == (7, 1, "boot", 2)
-
-
 @each_type
 def test_a_number_that_is_not_finite_is_refused_everywhere(record_type: type[Record]) -> None:
     """Swept: every number, NaN and both infinities, by the reader and before that by the writer."""
@@ -144,12 +127,6 @@ NO_ROTATIONS = [
     (0.5, 0.5, 0.5, 0.54),
     (1e308, 1e308, 1e308, 1e308),
 ]
-
-
-def test_every_record_that_carries_a_rotation_is_found() -> None:
-    """The walk over the types finds at least those that exist; a new one is found by itself."""
-    known = {m.RobotState, m.RobotCommand, m.RegulatorTarget}
-    assert set(TURNING) >= known | {q.MoveRequest, q.PathRequest, q.ForceStartRequest}
 
 
 @pytest.mark.parametrize("record_type", TURNING)
@@ -192,12 +169,21 @@ def test_a_value_of_another_type_is_refused_everywhere(record_type: type[Record]
                 read(msgpack.packb(put(fields, path, bad)), record_type)
 
 
-def test_a_word_like_an_error_text_is_only_a_word() -> None:
-    """The place of a mistake is not taken from what was sent."""
-    for word in ("x - at `$.pose`", "` - at `$.a.b[0]`", "Object missing required field `v`", "\n"):
-        data = msgpack.packb({"kind": word})
-        with pytest.raises(MessageError, match=r"^MoveRequest\.kind: must be 'pose', 'joints' or"):
-            read(data, q.MoveRequest)
+@pytest.mark.parametrize(
+    ("field", "value", "mistake"),
+    [
+        ("law", "plain\n", "must be at most 31 lower-case letters"),
+        ("setpoint_N", -1.0, "must be at least 0 N, found -1 N"),
+        ("mode", "push", "must be 'position', 'orientation' or 'both', found 'push'"),
+        ("axes", (True,) * 5, "must hold 6 values"),
+    ],
+)
+def test_a_value_outside_its_bounds_is_refused_in_words(
+    field: str, value: Any, mistake: str
+) -> None:
+    """With its place; Python's `$` matches before a line break as well."""
+    with pytest.raises(MessageError, match=rf"^ForceStartRequest\.{field}: {mistake}"):
+        read(msgpack.packb({"mode": "position", field: value}), q.ForceStartRequest)
 
 
 def test_an_entry_of_a_map_is_named() -> None:
@@ -216,7 +202,7 @@ def test_an_entry_of_a_map_is_named() -> None:
 @pytest.mark.parametrize(
     ("message", "field", "value", "mistake"),
     [
-        *((m.Health, "fault", each, "Health") for each in (object(), np.zeros(3), {1, 2}, 1j)),
+        *((m.Health, "fault", each, "Health") for each in (object(), np.zeros(3))),
         (m.Health, "fault", "\udc80", "not a text"),
         (m.WrenchAtTcp, "force_N", "\udc80", "not a text"),
         (m.WrenchAtTcp, "force_N", object(), "WrenchAtTcp"),
@@ -258,30 +244,6 @@ def test_a_field_that_must_be_there_is_missed(record_type: type[Record]) -> None
 
 
 @each_type
-def test_bytes_cut_anywhere_are_refused(record_type: type[Record]) -> None:
-    """Swept: every length from nothing to all but one."""
-    data = msgpack.packb(spelled_out(record_type))
-    for length in range(len(data)):
-        with pytest.raises(MessageError):
-            read(data[:length], record_type)
-    with pytest.raises(MessageError):
-        read(data + b"\x00", record_type)
-
-
-@each_type
-@given(data=st.binary(max_size=200) | anything.map(msgpack.packb))
-def test_bytes_of_anything_else_are_refused_or_right(
-    record_type: type[Record], data: bytes
-) -> None:
-    """Whatever comes in, the only exception is MessageError."""
-    try:
-        record = read(data, record_type)
-    except MessageError:
-        return
-    assert isinstance(record, record_type)
-
-
-@each_type
 @given(data=st.data())
 def test_one_changed_byte_is_refused_or_right(record_type: type[Record], data: Any) -> None:
     """A damaged message never becomes one with a number that is not finite."""
@@ -315,6 +277,8 @@ def test_deep_and_wide_nesting_is_refused(record_type: type[Record]) -> None:
             read(bytes([fields[0] + 1]) + fields[1:] + b"\xa3new" + bomb, record_type)
     with pytest.raises(MessageError):
         read(msgpack.packb({f"k{i}": i for i in range(MAX_ITEMS + 1)}), record_type)
+    with pytest.raises(MessageError):
+        read(msgpack.packb({"new": (0,) * (MAX_ITEMS + 1)}), record_type)
 
 
 @each_type
@@ -324,18 +288,6 @@ def test_unknown_fields_are_ignored(record_type: type[Record]) -> None:
     more = {**fields, "new_field": {"a": (1, 2.5, "b")}}
 
     assert read(msgpack.packb(more), record_type) == read(msgpack.packb(fields), record_type)
-
-
-@each_type
-def test_of_a_repeated_field_the_last_one_counts(record_type: type[Record]) -> None:
-    """Duplicates in a map are one field, and it is judged like any other."""
-    fields = spelled_out(record_type)
-    right, wrong = list(fields.items()), [(name, ("no", "such", "type")) for name in fields]
-    packer = msgpack.Packer()
-
-    assert isinstance(read(packer.pack_map_pairs(wrong[:5] + right), record_type), record_type)
-    with pytest.raises(MessageError):
-        read(packer.pack_map_pairs(right + wrong[:5]), record_type)
 
 
 @each_type

@@ -5,13 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.faults import FAULTS
-from tests.fakes.line import STALE_S, Line
+from tests.unit.forcemesh.conftest import STALE_S, Line
 
 MS = 1_000_000
 A, B = 1, 2  # two processes that write one topic
 RESTART_S = 0.1  # two writers within this are two at once
 CONFLICT_S = 1.0
 BAD_MESSAGES = 5  # so many more bad ones than good ones are borne
+MOST_RETIRED = 64  # former writers that are remembered
 
 
 def pause_s(line: Line, duration_s: float) -> None:
@@ -20,14 +21,6 @@ def pause_s(line: Line, duration_s: float) -> None:
 
 
 # --- two writers (H11) ----------------------------------------------------------------------------
-
-
-def test_one_writer_is_no_conflict(line: Line) -> None:
-    """However long it publishes."""
-    for seq in range(1, 200):
-        pause_s(line, 0.004)
-        line.deliver(seq)
-        assert not line.read().conflict
 
 
 def test_a_second_writer_is_detected_with_its_first_message(line: Line) -> None:
@@ -79,6 +72,17 @@ def test_two_writers_in_any_order_are_reported_within_two_periods(gaps_ms: list[
         assert line.read().conflict
 
 
+def test_of_many_former_writers_the_newest_are_never_accepted(line: Line) -> None:
+    """The memory of them is bounded: a forgotten one is accepted, and is a second writer."""
+    for epoch in range(1, 200):
+        assert line.deliver(1, epoch=epoch)
+    for epoch in range(200 - MOST_RETIRED, 199):
+        assert not line.deliver(2, epoch=epoch)
+    assert line.reader.counters.retired == MOST_RETIRED - 1
+    assert line.deliver(7, epoch=1)
+    assert line.read().conflict
+
+
 # --- duplicated, reordered, spoilt (H14, H15) -----------------------------------------------------
 
 
@@ -93,15 +97,6 @@ def test_more_bad_messages_than_good_ones_are_a_fault(line: Line) -> None:
     assert (reading.code, reading.fresh) == ("bad_messages", None)
     assert "6 repeated" in reading.fault
     assert reading.code in FAULTS
-
-
-def test_bad_messages_now_and_then_are_only_counted(line: Line) -> None:
-    """As many good ones between them as bad ones: the counter does not grow."""
-    for seq in range(1, 300):
-        line.deliver(seq)
-        line.deliver(seq)
-        assert line.read().fault == ""
-    assert line.reader.counters.repeated == 299
 
 
 def test_the_counter_saturates_so_that_order_comes_back(line: Line) -> None:

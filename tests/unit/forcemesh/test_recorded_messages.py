@@ -6,19 +6,16 @@ N encoded it, recording-version-2.mcap what its recorder wrote.
 
 import base64
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
 from common.config.load import load_cell
 from forcemesh.clock import ManualClock
 from forcemesh.codec import SCHEMA_VERSION, decode, pack, unpack
-from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.errors import MisroutedError
 from forcemesh.messages import Permission, RobotState
 from forcemesh.recorded_messages import READABLE_VERSIONS, decode_recorded, readdressed
 from forcemesh.topics import TOPICS
@@ -37,12 +34,6 @@ each_kept = pytest.mark.parametrize(("version", "key"), KEPT)
 
 
 OLD = CORPUS / "recording-version-2.mcap"  # an arm that is armed, presses and is held
-
-
-def run(*words: object) -> tuple[int, str]:
-    """Run the command line; return exit code and standard output."""
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    return result.exit_code, result.stdout
 
 
 def as_written(read: Any, written: Any) -> Any:
@@ -121,14 +112,6 @@ def test_a_recording_from_before_the_challenge_has_one(key: str, part: tuple[str
         assert readdressed(data, f"demo/{key}") is data
 
 
-@pytest.mark.parametrize("status", [None, 7, "held"])
-def test_a_spoilt_old_message_is_refused_and_breaks_nothing(status: object) -> None:
-    """Its status is no map: it is not decodable, as it was not before."""
-    fields = unpack(KEPT[2, "robot/state"], READABLE_VERSIONS) | {"status": status}
-    with pytest.raises(MessageError, match=r"RobotState\.status"):
-        decode_recorded(pack(fields), BY_KEY["robot/state"].message, "robot/state")
-
-
 @each_kept
 def test_a_republished_message_has_version_and_address_of_today(version: int, key: str) -> None:
     """Readers of the cell take it, as from the recording itself."""
@@ -153,22 +136,3 @@ def test_an_old_recording_is_replayed_into_readers_of_today() -> None:
     headers = [decode(data, RobotState, "demo/robot/state")[0] for data in iter(tap.take, None)]
     assert {header.v for header in headers} == {SCHEMA_VERSION}
     assert len(headers) == sum(each.topic == "robot/state" for each in recorded)
-
-
-def test_the_verbs_open_an_old_recording(tmp_path: Path) -> None:
-    """Export, report and a service that is fed with it: nothing is unreadable or left out."""
-    recorded = list(RecordedFile(OLD).raw_messages())
-    code, out = run("export", OLD, "-o", tmp_path / "tables")
-    assert code == 0
-    assert f"wrench.csv: {sum(each.topic == 'wrench' for each in recorded)} rows" in out
-    code, out = run("report", OLD, "-o", tmp_path / "report.html", "--no-3d")
-    assert code == 0
-    assert "1 stops" in out
-    assert "HOLDING · hold (501)" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    code, out = run("replay", OLD, "--to-service", "wrench")
-    assert code == 1
-    # An older wrench service rounded its last digit otherwise.
-    assert all(float(most) < 1e-12 for most in re.findall(r"differs by at most (\S+)", out))
-    assert "differs in" not in out
-    (recorded_now,) = re.findall(r"^  wrench: (\d+) recorded, (\d+) now: ", out, re.MULTILINE)
-    assert recorded_now[0] == recorded_now[1] != "0"

@@ -9,24 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from common.config.calibration import CalibrationSection
 from common.config.load import cell_from_tree, dump_cell, load_cell
-from common.config.payload import Payload, load, save
-from forcemesh.errors import ConfigError, DataError
+from forcemesh.errors import ConfigError
 from forcemesh.units import UNITS, question, unit_of
-from tests.unit.common.config.test_calibration import calibration
 
 CELLS = sorted((Path(__file__).parents[3] / "cells").glob("*.yaml"))
 DEMO = next(path for path in CELLS if path.stem == "demo")
 # A residual is a result, judged by force.idle_max_*; a drift's clock may begin anywhere.
-RESULTS = ("fit", "verified", "start_s", "end_s")
-PAYLOAD = Payload(
-    mass_kg=1.2,
-    com_m=(0.01, -0.02, 0.06),
-    bias_force_N=(1.4, -2.1, 3.1),
-    bias_torque_Nm=(0.3, -0.4, 0.2),
-    mounting_rotation_rad=(0.1, 0, 0),
-)
 
 
 def whole(path: Path) -> dict[str, Any]:
@@ -95,31 +84,11 @@ def test_each_physical_field_times_a_thousand_is_refused_with_the_question(path:
     assert taken == {}
 
 
-@pytest.mark.parametrize(
-    ("fields", "factor", "asks"),
-    [
-        ([("contact", "stiffness_N_m")], 1e-3, "newtons per millimetre"),
-        ([("robot", "joint_max_deg"), ("robot", "joint_min_deg")], np.pi / 180.0, "radians"),
-        ([("robot", "joint_speed_max_deg_s")], np.pi / 180.0, "radians a second"),
-        ([("rates", "control_hz")], 1e-3, "kilohertz"),
-        ([("force", "speed_max_rad_s")], 180.0 / np.pi, "degrees a second"),
-        ([("sensor", "torque_range_Nm")], 1000.0, "newton millimetres"),
-        ([("gateway", "watchdog_s")], 1000.0, "milliseconds"),
-    ],
-)
-def test_other_usual_units_are_asked_for(
-    fields: list[tuple[str, ...]], factor: float, asks: str
-) -> None:
-    """Also where the number comes out too small."""
-    tree = whole(DEMO.with_name("demo-tcp.yaml"))
-    for field in fields:
-        tree = scaled(tree, field, factor)
-    assert f"is that in {asks}?" in mistake(tree)
-
-
-def test_a_number_that_fits_no_other_unit_is_not_asked_about() -> None:
+def test_a_number_that_is_too_small_is_asked_about_and_one_that_fits_no_unit_is_not() -> None:
     """A negative mass is no matter of units."""
     tree = whole(DEMO)
+    soft = mistake(scaled(tree, ("contact", "stiffness_N_m"), 1e-3))
+    assert "is that in newtons per millimetre?" in soft
     tree["payload"]["mass_kg"] = -1.0
     assert mistake(tree) == "payload.mass_kg: must be at least 0 kg, found -1 kg"
     assert question("delay_s", 1e9, 0.5) == ""
@@ -130,40 +99,6 @@ def test_a_number_that_fits_no_other_unit_is_not_asked_about() -> None:
 def test_the_longest_ending_decides_the_unit(ending: str) -> None:
     """speed_max_m_s is m/s, not s."""
     assert unit_of(f"x{ending}") is UNITS[ending]
-
-
-# --- payload and calibration files ----------------------------------------------------------------
-
-
-def test_each_field_of_a_payload_file_times_a_thousand_is_refused(tmp_path: Path) -> None:
-    """With the file, the key and the question."""
-    path = tmp_path / "p.yaml"
-    save(PAYLOAD, path)
-    assert load(path) == PAYLOAD
-    tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    for field in physical(tree):
-        path.write_text(yaml.safe_dump(scaled(tree, field, 1000.0)), encoding="utf-8")
-        with pytest.raises(DataError, match=rf"p\.yaml: {field[0]}.*is that in"):
-            load(path)
-
-
-def test_each_field_of_a_calibration_times_a_thousand_is_refused() -> None:
-    """As where it is by hand in the cell file: the same section."""
-    drift = {"start_s": 0.0, "end_s": 9.0, "force_N": [2.0] * 3, "torque_Nm": [0.2] * 3}
-    made = calibration().model_dump(mode="json") | {"revision": ""}
-    made["payload"] |= {
-        "bias_force_N": [1.4, -2.1, 3.1],
-        "bias_torque_Nm": [0.3, -0.4, 0.2],
-        "mounting_rotation_rad": [0.1, 0.0, 0.0],
-        "drift": drift,
-    }
-    CalibrationSection(**made)
-    tree = {**whole(DEMO), "calibration": made}
-    assert mistake(tree) == ""
-    for field in physical(made):
-        if not set(field) & set(RESULTS):
-            found = mistake(scaled(tree, ("calibration", *field), 1000.0))
-            assert "is that in" in found, field
 
 
 def test_every_question_names_a_unit() -> None:

@@ -7,8 +7,14 @@ from typing import Any, get_args
 import pytest
 import zenoh
 
-from forcemesh.topics import Qos
+from common.bus.cell_bus import hub_settings
+from forcemesh.codec import MAX_BYTES
+from forcemesh.topics import CLIENT, HELPERS, ROLES, Qos
 from forcemesh.zenoh_session import ZenohSource, ZenohTransport
+from forcemesh.zenoh_settings import BATCH_B, client_settings
+from tests.fakes.bench import CELL
+
+HUB = "tcp/127.0.0.1:7447"
 
 
 class Subscriber:
@@ -77,3 +83,14 @@ def test_a_reader_that_does_not_read_delays_no_publisher(qos: Qos) -> None:
     asked: dict[str, Any] = {}
     ZenohTransport(session).publish("cell/topic", qos)
     assert asked["congestion_control"] is zenoh.CongestionControl.DROP
+
+
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+def test_only_a_complete_receiver_has_a_large_buffer(role: str) -> None:
+    """A reader of the newest message would read old ones after a stall; a batch has the longest."""
+    settings = client_settings(HUB, role, {})
+    (endpoint,) = settings["connect"]["endpoints"]
+    assert endpoint == (f"{HUB}#so_rcvbuf=4000000" if role in HELPERS else HUB)
+    for each in (settings, hub_settings(CELL, HUB)):
+        assert each["transport"]["link"]["tx"]["batch_size"] == BATCH_B
+    assert BATCH_B >= MAX_BYTES + 1024  # with its key and Zenoh's overhead

@@ -9,20 +9,17 @@ from hypothesis import strategies as st
 from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from forcemesh.errors import BusError, ConfigError
+from forcemesh.errors import BusError
 from forcemesh.identity import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
-    NAMES,
-    Identity,
-    folder_of,
     identity_of,
     refuse_in_the_clear,
     stays_here,
 )
 from forcemesh.published_ports import HUB_PUBLISHED
 from forcemesh.topics import CLIENT
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, security_of
 
 DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 HERE = ["tcp/localhost:7447", "udp/127.0.0.1:7?rel=1",
@@ -46,16 +43,6 @@ def touch_pair(folder: Path, *names: str) -> None:
     """Put empty files where certificates of these names would be."""
     for name in ("ca.pem", *(f"{name}.{end}" for name in names for end in ("pem", "key"))):
         (folder / name).touch()
-
-
-def test_a_wrong_endpoint_is_reported_with_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The variable by its name, and the right form; the right one overrides the cell's."""
-    for wrong in ("garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"):
-        monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
-        with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
-            endpoint_of(cell())
-    monkeypatch.setenv(ENDPOINT_VARIABLE, "tls/[::1]:7447#iface=lo")
-    assert endpoint_of(cell()) == "tls/[::1]:7447#iface=lo"
 
 
 @given(st.ip_addresses())
@@ -90,13 +77,6 @@ def test_a_hub_in_a_container_is_judged_by_the_address_that_compose_publishes(
         monkeypatch.setenv(HUB_PUBLISHED, wider)
         with pytest.raises(BusError, match=r"refused: .*pki init"):
             security_of(cell(), "arbiter", endpoint)
-
-
-def test_the_hub_above_is_refused_in_the_clear_too() -> None:
-    """A hub that connects to another one shows its certificate there as well."""
-    upstream = {"endpoint": "tcp/192.168.1.7:7447", "cell": "other"}
-    with pytest.raises(BusError, match=r"192\.168\.1\.7"):
-        hub_settings(cell(upstream=upstream), "tcp/127.0.0.1:7447")
 
 
 def test_both_ends_of_a_link_prove_their_names(tmp_path: Path) -> None:
@@ -138,32 +118,3 @@ def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -
     (tmp_path / missing).mkdir()
     with pytest.raises(BusError, match=f"{missing} cannot be read .* readable by the user"):
         identity_of(secure, "wrench")
-
-
-@pytest.mark.parametrize(
-    ("there", "name"),
-    [
-        (NAMES, "operator"),
-        (("monitor", "wrench"), "monitor"),
-        (("wrench",), "wrench"),
-        (("robot", "wrench"), "robot"),
-    ],
-)
-def test_a_client_is_the_first_person_whose_key_is_there(
-    tmp_path: Path, there: tuple[str, ...], name: str
-) -> None:
-    """On the operator's machine an operator, on a screen a monitor, in a container its own role."""
-    touch_pair(tmp_path, *there)
-    assert identity_of(cell(tls={"folder": str(tmp_path)}), CLIENT).name == name
-
-
-def test_the_environment_names_role_and_endpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It goes before the cell file, which goes before the place where `pki init` writes."""
-    touch_pair(tmp_path, *NAMES)
-    assert folder_of(cell()) == Path("~/.config/forcemesh/pki/demo").expanduser()
-    assert folder_of(cell(tls={"folder": "/from/the/cell"})) == Path("/from/the/cell")
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.setenv(NAME_VARIABLE, "monitor")
-    assert identity_of(cell(tls={"folder": "/elsewhere"}), CLIENT) == Identity("monitor", tmp_path)

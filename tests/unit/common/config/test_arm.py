@@ -7,11 +7,10 @@ import pytest
 import yaml
 
 from common.config import arm as arms
-from common.config.arm import UNKNOWN_ARM, USUAL_ARM, arm_names, model_file, read_arm
+from common.config.arm import UNKNOWN_ARM, USUAL_ARM, arm_names, read_arm
 from common.config.load import load_cell
 from common.motion.kinematics import ArmKinematics
 from forcemesh.errors import ConfigError
-from sim.robot.engine import mujoco
 from tests.fakes.arms import CELLS, unknown_arm
 
 DEMO = CELLS / "demo.yaml"
@@ -34,39 +33,6 @@ def test_data_sheet_and_model_of_an_arm_are_of_one_arm(name: str) -> None:
     assert np.degrees(kinematics.upper_rad) == pytest.approx(arm.joint_max_deg, abs=1e-9)
     down = kinematics.flange_pose(np.radians(arm.home_deg)).rotation[:, 2]
     assert down == pytest.approx([0.0, 0.0, -1.0], abs=1e-9)
-
-
-@pytest.mark.parametrize("name", arm_names())
-def test_physics_and_kinematics_read_one_model(name: str) -> None:
-    """The flange is at the same pose, one servo drives each joint, and the flange ends its body."""
-    kinematics = ArmKinematics(name)
-    model = mujoco.MjModel.from_xml_path(str(model_file(name)))
-    data = mujoco.MjData(model)
-    q = np.random.default_rng(1).uniform(kinematics.lower_rad, kinematics.upper_rad)
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    T, site = kinematics.flange_pose(q), data.site("flange")
-    assert T.translation == pytest.approx(site.xpos, abs=1e-12)
-    assert T.rotation.ravel() == pytest.approx(site.xmat, abs=1e-12)
-    assert model.nu == kinematics.joints
-    assert model.site("flange").pos == pytest.approx(np.zeros(3))
-    assert model.site("flange").quat == pytest.approx([1.0, 0.0, 0.0, 0.0])
-
-
-@pytest.mark.parametrize("name", arm_names())
-def test_the_levers_of_an_arm_bound_the_travel_of_its_flange(name: str) -> None:
-    """And its reach bounds the distance of the wrist, which a flange pose determines."""
-    arm = ArmKinematics(name)
-    rng = np.random.default_rng(2)
-    for _ in range(200):
-        q = rng.uniform(arm.lower_rad, arm.upper_rad)
-        J = arm.jacobian(q)
-        assert (np.linalg.norm(J[:3], axis=0) <= arm.levers_m + 1e-9).all()
-        T, turned = arm.flange_pose(q), q + np.eye(arm.joints)[-1]
-        wrist = T.act(arm._p_flange_wrist)
-        assert arm.flange_pose(turned).act(arm._p_flange_wrist) == pytest.approx(wrist, abs=1e-9)
-        from_joint_1 = wrist - arm.model.jointPlacements[1].translation
-        assert np.linalg.norm(from_joint_1) <= arm.reach_m + 1e-9
 
 
 def test_a_cell_file_without_limits_has_those_of_its_arm() -> None:

@@ -6,19 +6,10 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
-from common.config.load import (
-    CALIBRATION,
-    cell_from_tree,
-    cell_hash,
-    dump_cell,
-    load_cell,
-    named_file,
-)
+from common.config.load import CALIBRATION, cell_from_tree, dump_cell, load_cell, named_file
 from common.config.payload import Payload
 from forcemesh.errors import ConfigError
 
@@ -53,20 +44,6 @@ def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     if found is not None:
         found.save(folder / "calibration" / "demo.yaml")
     return path
-
-
-def test_a_cell_file_states_that_it_works_without_a_calibration_file(tmp_path: Path) -> None:
-    """The word is kept in a dump; a file of that name is not read."""
-    path = cell_with(tmp_path, None)
-    assert load_cell(DEMO).calibration == "none"
-    path.write_text(DEMO.read_text(encoding="utf-8"), encoding="utf-8")
-    (path.parent / "none").write_text("", encoding="utf-8")
-    assert named_file(path, CALIBRATION) is None
-    cell = load_cell(path, with_files=False)
-    assert cell.calibration == load_cell(path).calibration == "none"
-    path.write_text(dump_cell(cell), encoding="utf-8")
-    assert load_cell(path) == cell
-    assert load_cell(path, {"calibration": None}).calibration is None
 
 
 @pytest.mark.parametrize(
@@ -106,41 +83,11 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     cell = load_cell(path)
     assert cell.calibration == calibration()
     assert named_file(path, CALIBRATION) == path.parent / "../calibration/demo.yaml"
+    assert load_cell(DEMO, with_files=False).calibration == "none"
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
     assert named_file(copy, CALIBRATION) is None
-
-
-def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:
-    """Processes that were started before and after a calibration still belong together."""
-    path = cell_with(tmp_path, None)
-    before = load_cell(path)
-    assert before.calibration is None
-    calibration().save(tmp_path / "calibration" / "demo.yaml")
-    after = load_cell(path)
-    assert before != after
-    assert cell_hash(before) == cell_hash(after)
-
-
-@given(
-    mass_kg=st.floats(0.0, 50.0),
-    com=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
-    text=st.text(max_size=30),
-    verified=st.sampled_from([None, NOTHING_LEFT]),
-)
-def test_every_calibration_is_read_as_it_was_written(
-    tmp_path_factory: pytest.TempPathFactory, **made: Any
-) -> None:
-    """All digits, all texts, and so the same revision."""
-    found = calibration(
-        payload=Payload(mass_kg=made["mass_kg"], com_m=made["com"]),
-        tool=made["text"],
-        verified=made["verified"],
-    )
-    path = tmp_path_factory.getbasetemp() / "c.yaml"
-    found.save(path)
-    assert CalibrationSection(**yaml.safe_load(path.read_text(encoding="utf-8"))) == found
 
 
 def test_the_revision_distinguishes_calibrations() -> None:

@@ -1,6 +1,5 @@
 """Values that a cell file may not hold, at their limits, and those that do not go together."""
 
-from math import nextafter
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,14 @@ from common.config.cell import FARTHEST_WORKSPACE_M, SETPOINT_SHARE, SLOWEST_INE
 from common.config.cell_sensor import SATURATED_FROM
 from common.config.load import cell_from_tree, dump_cell, load_cell
 from common.config.payload import DOWN
+from controller.plain import MOST
 from forcemesh.errors import ConfigError
-from forcemesh.units import COUNTS_MOST, LONGEST_SENSOR_LEVER_M, SLOWEST_DEG_S
+from forcemesh.units import COUNTS_MOST, LONGEST_SENSOR_LEVER_M
 from tests.unit.common.config.test_calibration import calibration
 
 DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 DEMO_CELL = load_cell(DEMO)
+PLAIN = DEMO.with_name("demo-plain.yaml")
 JUST_ABOVE = 1.0 + 1e-9
 
 
@@ -75,39 +76,6 @@ def test_a_limit_of_several_fields_binds_at_its_value(
     assert line.startswith((f"{section}.{name} is", f"{section}: {name[:9]}"))
 
 
-def test_the_slowest_joint_of_an_arm_is_no_arm() -> None:
-    """It is enough that one joint is faster: others may be geared down."""
-    one_fast = [1.0, 1.0, 1.0, 1.0, 1.0, SLOWEST_DEG_S * JUST_ABOVE]
-    assert changed({"robot.joint_speed_max_deg_s": one_fast}).cell == "demo"
-    (line,) = mistakes({"robot.joint_speed_max_deg_s": [SLOWEST_DEG_S] * 6})
-    assert line.endswith("is that in radians a second?")
-
-
-def test_the_lower_end_of_each_joint_s_range_is_below_the_upper() -> None:
-    """In an empty range no move of the arm would be allowed; all empty ones are named at once."""
-    robot = DEMO_CELL.robot
-    for joint in range(6):
-        lower, upper = list(robot.joint_min_deg), list(robot.joint_max_deg)
-        changes = {"robot.joint_min_deg": lower, "robot.joint_max_deg": upper}
-        lower[joint], upper[joint] = -100.0, nextafter(-100.0, 0.0)
-        assert changed(changes).robot.joint_max_deg[joint] == upper[joint]
-        upper[joint] = -100.0
-        (line,) = mistakes(changes)
-        assert line.endswith(f"for each joint: joint {joint + 1} has -100.0 and -100.0 degrees")
-    lower, upper = list(robot.joint_max_deg), list(robot.joint_min_deg)
-    (line,) = mistakes({"robot.joint_min_deg": lower, "robot.joint_max_deg": upper})
-    assert line.count(" degrees") == 6
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_an_empty_workspace_is_reported_with_its_axis(axis: int) -> None:
-    """Lower and upper exchanged by mistake: the arm could go nowhere."""
-    corner = list(DEMO_CELL.limits.workspace_max_m)
-    corner[axis] = DEMO_CELL.limits.workspace_min_m[axis]
-    (line,) = mistakes({"limits.workspace_max_m": corner})
-    assert line.startswith("limits: workspace is empty along " + "xyz"[axis])
-
-
 # --- values that do not go together ---------------------------------------------------------------
 
 NOISELESS = {"sim.noise_force_N": 0.0, "sim.noise_torque_Nm": 0.0}
@@ -115,6 +83,7 @@ REAL = {"roles.robot": "gateway", "roles.sensor": "external", "gateway.host": "h
 INERTIAL = {"filter.inertial": True, "rates.robot_hz": SLOWEST_INERTIAL_HZ}
 WALL = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1e-5]}
 DOWNWARDS = "gravity_direction_in_base"
+SLOWEST = [20.0] * 6
 
 
 @pytest.mark.parametrize(
@@ -135,6 +104,13 @@ DOWNWARDS = "gravity_direction_in_base"
          "cores: arbitre: not a role, valid: hub, robot,"),
         ({}, {"cores": {"arbiter": []}}, "cores.arbiter: must hold at least 1"),
         ({}, {"robot.joint_max_deg": [90.0] * 7}, "robot: joint_min_deg, joint_max_deg and joint_"),
+        ({}, {"limits.workspace_max_m": [0.4, 0.8, -0.2]}, "limits: workspace is empty along z"),
+        ({}, {"robot.joint_min_deg": DEMO_CELL.robot.joint_max_deg},
+         "robot: joint_min_deg must be below joint_max_deg for each joint: joint 1 has 180.0 and"),
+        ({}, {"robot.joint_min_deg": [-3.0] * 6, "robot.joint_max_deg": [3.0] * 6},
+         "robot: joint_min_deg (-3.0, -3.0, -3.0, -3.0, -3.0, -3.0) to joint_max_deg"),
+        ({"robot.joint_speed_max_deg_s": [*SLOWEST[1:], 21.0]},
+         {"robot.joint_speed_max_deg_s": SLOWEST}, "robot: joint_speed_max_deg_s (20."),
         ({}, {"robot.model": "rs0007l"}, "robot: model: there is no folder arms/rs0007l, valid: "),
         ({}, {"robot.model": 7}, "robot: model: there is no folder arms/7, valid: panda"),
         ({DOWNWARDS: [0.0, 0.0, -1.0009]}, {DOWNWARDS: [0.0, 0.0, -1.0011]},
@@ -169,13 +145,6 @@ def test_a_gateway_needs_an_arm_of_six_joints() -> None:
         cell_from_tree(panda | changes, "panda.yaml")
 
 
-def test_a_sensor_that_does_not_speak_rdt_has_no_counts() -> None:
-    """The value of an unused field is no mistake."""
-    counts = {"roles.sensor": "driver", "sensor.counts_per_N": 1e12}
-    assert mistakes(counts)
-    assert changed(counts | {"sensor.driver": "bota"}).sensor.driver == "bota"
-
-
 def test_a_calibration_beyond_the_sensor_is_refused_as_a_payload_is() -> None:
     """It replaces the payload, so the same range binds; the mistake names which of both it is."""
     made = calibration().model_dump(mode="json") | {"revision": ""}
@@ -208,3 +177,24 @@ def test_nothing_above_the_usual_passes_without_the_name_of_an_assessment(
     (line,) = mistakes(above)
     assert line.startswith(f"limits: {name} is {usual:g}")
     assert changed(above | {"limits.risk_assessment": "risk 7, 2026"}).cell == "demo"
+
+
+# --- protocol plain -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", MOST)
+def test_each_limit_has_a_lower_bound_of_its_own(field: str) -> None:
+    """The number and the limit; a risk assessment does not lift it; with our protocol it is off."""
+    most, _ = MOST[field]
+    load_cell(PLAIN, {field: most})
+    changes = {field: 1.01 * most, "limits.risk_assessment": "assessed"}
+    with pytest.raises(ConfigError, match=f"{field} is {1.01 * most:g}.*at most {most:g}"):
+        load_cell(PLAIN, changes)
+    load_cell(DEMO.with_name("demo-tcp.yaml"), {field: 1.01 * most, "force.setpoint_max_N": 20})
+
+
+def test_the_loop_runs_in_the_controller_only() -> None:
+    """Set points of a loop on the PC have no command."""
+    for hosts in (["pc"], ["pc", "controller"], []):
+        with pytest.raises(ConfigError, match=r"robot\.hosts must be \[controller\]"):
+            load_cell(PLAIN, {"robot.hosts": hosts})

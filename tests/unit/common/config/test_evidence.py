@@ -13,11 +13,9 @@ from common.config.evidence import (
     input_hashes,
     ladder,
     measured_monitor_speed,
-    named_files,
     read_evidence,
     save_evidence,
 )
-from forcemesh.errors import ConfigError, DataError
 
 NOW = datetime(2026, 11, 27, 8, 0, tzinfo=UTC)
 TREE = {
@@ -79,29 +77,6 @@ def test_a_step_is_changed_when_its_part_of_the_cell_file_is(
     assert [(each.state, each.detail) for each in others] == [("failed", "off"), ("open", "")]
 
 
-def test_a_step_is_changed_when_one_of_its_files_is(cell_file: Path) -> None:
-    """Written, changed, and removed; what is not there has a hash too."""
-    files = ("probe", "calibration", "tuning")
-    hashes = [input_hashes(cell_file, files)]
-    for name in files:
-        named_files(cell_file)[name].write_text("x: 1\n")
-        hashes.append(input_hashes(cell_file, files))
-        assert [part for part in files if hashes[-1][part] != hashes[-2][part]] == [name]
-
-
-def test_a_file_that_cannot_be_read_is_one_message(
-    cell_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The panel shows it; it must not end with it."""
-
-    def refuse(_: Path) -> bytes:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "read_bytes", refuse)
-    with pytest.raises(ConfigError, match=r"probe\.yaml: cannot be read: Permission denied"):
-        input_hashes(cell_file, ["gateway", "probe"])
-
-
 def test_the_delay_holds_for_the_monitor_speed_of_the_file_that_it_is_from(
     cell_file: Path,
 ) -> None:
@@ -121,29 +96,3 @@ def test_the_delay_holds_for_the_monitor_speed_of_the_file_that_it_is_from(
     assert measured_monitor_speed(cell_file) is None
     evidence_file(cell_file).unlink()
     assert measured_monitor_speed(cell_file) is None
-
-
-def test_without_a_probe_the_monitor_speed_of_the_delay_is_not_known(cell_file: Path) -> None:
-    """Nor with a probe whose delay is null."""
-    (cell_file.parent / "probe.yaml").write_text("results: {mspeed: {value: 10.0}}\n")
-    assert measured_monitor_speed(cell_file) is None
-    for robot in ({"delay_s": 0.1}, None):
-        cell_file.write_text(yaml.safe_dump({"robot": robot}))
-        assert measured_monitor_speed(cell_file) is None
-
-
-def test_a_wrong_file_is_one_message(cell_file: Path) -> None:
-    """A cell file that is a list; an evidence file with an unknown name; one that is a folder."""
-    evidence_file(cell_file).write_text("bringup: 1\nsteppes: {}\n")
-    with pytest.raises(ConfigError, match="did you mean steps"):
-        read_evidence(cell_file)
-    evidence_file(cell_file).unlink()
-    evidence_file(cell_file).mkdir()
-    with pytest.raises(DataError, match="cannot be written"):
-        save_evidence(cell_file, BringupEvidence())
-    cell_file.write_text("[1]\n")
-    with pytest.raises(ConfigError, match="map of sections"):
-        input_hashes(cell_file, ["gateway"])
-    cell_file.unlink()
-    with pytest.raises(ConfigError, match="no such file"):
-        ladder(cell_file, BringupEvidence())

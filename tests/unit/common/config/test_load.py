@@ -5,8 +5,6 @@ from typing import Any, get_origin
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from common.config.cell import CellConfig
@@ -14,7 +12,6 @@ from common.config.load import (
     PROBE,
     RENAMED,
     TUNED,
-    TUNING,
     cell_from_tree,
     cell_hash,
     dump_cell,
@@ -71,16 +68,6 @@ def test_a_cell_that_is_dumped_loads_into_the_same_cell(path: Path, tmp_path: Pa
     assert load_cell(copy) == cell
 
 
-@given(st.floats(250.0, 1e6), st.floats(-1.0, 1.0))
-def test_any_number_survives_the_dump(stiffness: float, x_m: float) -> None:
-    """The last digit too: YAML reads 1e-05 as text, so it must not be written like that."""
-    contact = DEMO_CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
-    payload = DEMO_CELL.payload.model_copy(update={"com_m": (x_m, 1e-17, -0.0)})
-    cell = DEMO_CELL.model_copy(update={"contact": contact, "payload": payload})
-
-    assert cell_from_tree(yaml.safe_load(dump_cell(cell)), "x") == cell
-
-
 # --- mistakes -------------------------------------------------------------------------------------
 
 
@@ -126,15 +113,6 @@ def test_an_unknown_name_is_reported_in_every_section(section: str) -> None:
         inner[wrong] = 1
         line = f"{section}.{wrong}".lstrip(".") + f": unknown name; {hint}"
         assert [found for found in mistakes(damaged) if found.startswith(line)], mistakes(damaged)
-
-
-@pytest.mark.parametrize("key", [1, 2.5, True, None])
-def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
-    """YAML allows numbers as keys; a cell file does not, also inside a section."""
-    inside: dict[Any, Any] = {**tree()["sim"], key: 1}
-    outside: dict[Any, Any] = {**tree(), key: 1}
-    assert mistakes({**tree(), "sim": inside})
-    assert mistakes(outside)
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -190,22 +168,11 @@ def test_repeated_names_are_all_reported_with_their_lines(tmp_path: Path) -> Non
     ]
 
 
-def test_overrides_replace_and_add_by_dotted_path() -> None:
-    """Also where the file has no such section yet; the file itself is not touched."""
-    cell = load_cell(DEMO, {"sim.tilt_deg": 5.0, "force.touch_N": 1.0, "filter.median": 5})
-    assert cell.sim is not None
-    assert (cell.sim.tilt_deg, cell.force.touch_N, cell.filter.median) == (5.0, 1.0, 5)
-    assert load_cell(DEMO) == DEMO_CELL
-
-
 @pytest.mark.parametrize(
     ("path", "message"),
     [
         ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
-        ("simm.tilt_deg", "simm: unknown name; did you mean sim?"),
-        ("sim.tilt_deg", "sim.tilt_deg: must be a number"),
         ("cell.name", "cell.name: cell is not a section"),
-        ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz is not a section"),
     ],
 )
 def test_an_override_is_judged_like_the_file(path: str, message: str) -> None:
@@ -238,14 +205,6 @@ def test_an_old_key_is_read_with_one_warning(
 # --- hash -----------------------------------------------------------------------------------------
 
 
-def test_the_hash_is_of_the_values_not_of_the_words() -> None:
-    """Comments, order and defaults written out do not matter; it is short and stable."""
-    shuffled = dict(reversed(tree().items()))
-    shuffled["filter"] = {"lowpass_s": 5e-3, "median": 3}
-    assert cell_hash(cell_from_tree(shuffled, "x")) == cell_hash(DEMO_CELL)
-    assert len(cell_hash(DEMO_CELL)) == 12
-
-
 @pytest.mark.parametrize("name", [n for n, s in DEMO_CELL if isinstance(s, BaseModel)])
 def test_every_number_changes_the_hash_but_those_of_processes_that_only_watch(name: str) -> None:
     """Panel and recorder move nothing: their settings do not prevent arming."""
@@ -269,18 +228,6 @@ def cell_file(folder: Path, **named: str) -> Path:
         section[key] = f"{key}.yaml"
     path.write_text(yaml.safe_dump(file), encoding="utf-8")
     return path
-
-
-def test_a_named_file_is_in_the_folder_of_the_cell_file_and_not_of_a_link(tmp_path: Path) -> None:
-    """Calibration and tuning are found through a link as they are without it."""
-    file, link = (
-        cell_file(tmp_path, tuning="robot: {delay_s: 0.033}"),
-        tmp_path / "elsewhere" / "cell.yaml",
-    )
-    link.parent.mkdir()
-    link.symlink_to(file)
-    assert load_cell(link).robot.delay_s == 0.033
-    assert named_file(link, TUNING) == named_file(file, TUNING) == tmp_path / "tuning.yaml"
 
 
 def test_a_cell_takes_what_the_probe_of_its_controller_measured(tmp_path: Path) -> None:
@@ -362,12 +309,3 @@ def test_a_mistake_in_a_named_file_is_reported_as_one_of_that_file(
     assert caught.value.source == str(tmp_path / f"{key}.yaml")
     assert caught.value.mistakes == [mistake]
     assert load_cell(path, with_files=False).robot == DEMO_CELL.robot
-
-
-def test_a_section_that_is_none_is_a_mistake_without_the_named_files_too(tmp_path: Path) -> None:
-    """The message names it."""
-    path = tmp_path / "cell.yaml"
-    path.write_text("cell: demo\nrobot: 3\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="robot"):
-        load_cell(path, with_files=False)
-    assert named_file(path, PROBE) is None

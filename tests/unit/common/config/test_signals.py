@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.config.signals import (
-    GROUP,
-    INPUTS,
-    OUTPUTS,
-    SignalSection,
-    groups,
-    judge,
-    resolve,
-)
+from common.config.signals import GROUP, INPUTS, OUTPUTS, SignalSection, groups, judge, resolve
 from forcemesh.errors import ConfigError
 from forcemesh.faults import tripped
 from forcemesh.messages import MAX_SIGNALS, Asker
@@ -114,13 +106,6 @@ def section(number: int) -> SignalSection:
     return SignalSection.model_validate({kind: number})
 
 
-def test_a_signal_is_named_by_name_or_number() -> None:
-    """Both mean the same one; anything else means none."""
-    signals = cell_of(NAMED).signals
-    assert resolve(signals, "lamp") == resolve(signals, "10") == "lamp"
-    assert resolve(signals, "12") is resolve(signals, "Lamp") is resolve(signals, "") is None
-
-
 @pytest.mark.parametrize("hold", [None, HOLD])
 @pytest.mark.parametrize("commander", ASKERS)
 @pytest.mark.parametrize("asked", [*NAMED, "unknown", "10", "12"])
@@ -137,11 +122,3 @@ def test_only_what_the_cell_file_permits_is_set(asked: str, commander: Asker, ho
         assert trip is not None
         expected = "signal_held" if permitted else "signal_not_permitted"
         assert trip.code == ("signal_unknown" if signal is None else expected)
-
-
-def test_a_refusal_lists_what_can_be_set() -> None:
-    """By name; also when nothing can."""
-    for signals, settable in ((cell_of(NAMED).signals, "gripper_close, lamp"), ({}, "none")):
-        trip = judge(signals, "x", "operator", hold=None)
-        assert trip is not None
-        assert trip.text.endswith(f"outputs that can be set: {settable}")

@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.heartbeat import LINE_B, Heartbeat, line, since_boot_s
-from common.runtime.service import Runner
-from common.runtime.stop import StopSignal
-from forcemesh.clock import ManualClock
+from common.runtime.heartbeat import Heartbeat, line, since_boot_s
 
 ROOT = Path(__file__).resolve().parents[4]
 SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
@@ -33,13 +30,6 @@ def test_a_process_that_hangs_is_not_well(tmp_path: Path, age_s: int, code: int)
     assert ("the process hangs" in output, output != "") == (code == 1, code == 1)
 
 
-def test_without_a_heartbeat_it_is_not_well(tmp_path: Path) -> None:
-    """Before the first one, or where the file is empty."""
-    assert judged(tmp_path / "alive") == (1, "no heartbeat yet")
-    (tmp_path / "alive").touch()
-    assert judged(tmp_path / "alive") == (1, "no heartbeat yet")
-
-
 @pytest.mark.parametrize("fault", ["stale: no wrench for 0.3 s", "$(touch x) `id` \\ * \n %s", "é"])
 def test_a_fault_is_printed_and_never_executed(tmp_path: Path, fault: str) -> None:
     """Whatever the words are: one line, and no command of the shell's."""
@@ -48,16 +38,6 @@ def test_a_fault_is_printed_and_never_executed(tmp_path: Path, fault: str) -> No
     assert code == 1
     assert output.split()[0] in (fault.split(maxsplit=1)[0], "?", "??")
     assert list(tmp_path.iterdir()) == [tmp_path / "alive"]
-
-
-def test_a_heartbeat_is_always_as_long(tmp_path: Path) -> None:
-    """A later one needs no room on a full disk, and leaves nothing of a longer one before it."""
-    heartbeat = Heartbeat(tmp_path / "alive")
-    for fault in ("x" * 1000, "", "short"):
-        heartbeat.beat(1, fault)
-        text = (tmp_path / "alive").read_bytes()
-        assert (len(text), text.count(b"\n")) == (LINE_B, 1)
-        assert (b"x" in text) == ("x" in fault)
 
 
 def test_it_beats_once_a_second_and_at_once_with_another_fault(tmp_path: Path) -> None:
@@ -74,44 +54,3 @@ def test_it_beats_once_a_second_and_at_once_with_another_fault(tmp_path: Path) -
     assert changed(1_000_000_000, "")
     assert changed(1_000_000_001, "stale")
     assert not changed(1_000_000_002, "stale")
-
-
-def test_watching_answers_at_once_the_first_time_and_when_something_goes_wrong(
-    tmp_path: Path,
-) -> None:
-    """In between it watches: to start a check costs the engine more than the check itself."""
-    file = tmp_path / "alive"
-    Heartbeat(file).beat(1, "")
-    assert judged(file, "watch")[0] == 0
-    with pytest.raises(subprocess.TimeoutExpired):
-        judged(file, "watch", timeout_s=0.5)
-    Heartbeat(file).beat(1, "stale")
-    assert judged(file, "watch") == (1, "stale")
-    Heartbeat(file).beat(1, "")
-    assert judged(file, "watch")[0] == 0
-
-
-class SingleStep:
-    """A service that steps once and is then stopped."""
-
-    period_s, trigger, fault = 1e-3, None, "stale"
-
-    def __init__(self, stop: StopSignal) -> None:
-        """Store the event that stops it."""
-        self._stop = stop
-
-    def step(self, _now_ns: int) -> None:
-        """Be the last step."""
-        self._stop.set()
-
-    def counters(self) -> dict[str, int]:
-        """Count nothing."""
-        return {}
-
-
-def test_the_loop_that_does_the_work_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file that the environment names gets the beats, with the service's own fault."""
-    monkeypatch.setenv("FORCEMESH_HEARTBEAT", str(tmp_path / "alive"))
-    stop = StopSignal()
-    Runner(SingleStep(stop), [], ManualClock()).run(stop)
-    assert judged(tmp_path / "alive") == (1, "stale")

@@ -1,7 +1,5 @@
 """Overruns of a loop: counted over a second, judged by the cell's deadlines."""
 
-from typing import Any, cast
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +11,7 @@ from forcemesh.clock import ManualClock
 from forcemesh.messages import Health
 from forcemesh.topics import ROLES
 from tests.fakes.bench import CELL
-from tests.unit.common.runtime.test_service import Reported, SlowWorker, Worker
+from tests.unit.common.runtime.test_service import Reported, SlowWorker
 
 MS = 1_000_000
 ALLOWED_S = 0.02
@@ -66,37 +64,3 @@ def test_health_reports_overruns_and_the_longest_gap() -> None:
     assert report.overruns == pytest.approx(12, abs=1)
     assert report.longest_gap_s == pytest.approx(0.081, abs=0.002)
     assert report_after_2_s(busy_s=0.0).overruns == 0
-
-
-class FixedAccount:
-    """An account that always knows the same."""
-
-    def __init__(self) -> None:
-        """Count the steps."""
-        self.steps = 0
-
-    def stepped(self) -> None:
-        """Note a step."""
-        self.steps += 1
-
-    def cause_of(self, gap_s: float) -> str:
-        """Name the gap, so that a test can check it."""
-        return f"cause of {gap_s:g} s, after {self.steps} steps"
-
-    def fraction(self) -> float:
-        """Return a share."""
-        return 0.25
-
-
-def test_health_names_the_cause_of_the_latest_overrun_for_a_second() -> None:
-    """And the share of a core of the process."""
-    clock, account = ManualClock(), cast("Any", FixedAccount())
-    reported = Reported(Worker(clock, period_s=0.001), clock, MemoryTransport(), account)
-    assert reported.after(0.0).late_cause == ""
-    reported.after(0.2)
-    found = reported.after(0.3)
-    assert found.late_cause == "cause of 0.3 s, after 2 steps"
-    assert found.numbers["processor_fraction"] == 0.25
-    for _ in range(900):
-        found = reported.after(0.002)
-    assert (found.overruns, found.late_cause) == (0, "")

@@ -1,9 +1,7 @@
 """Real time of a process: its priority, its memory, and the account of why a step was late."""
 
-import ctypes
 import gc
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -14,7 +12,7 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime import realtime, service
-from common.runtime.realtime import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
+from common.runtime.realtime import OTHERS, REALTIME, STOPPED, ProcessorAccount
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
@@ -33,34 +31,6 @@ print(take_realtime_priority(), policies())
 give_up_realtime_priority()
 print(policies())
 """
-
-# Without the right to real-time priority; sched_getattr(2) is one system call after sched_setattr.
-PRINTS_ITS_SLICES = """
-import ctypes, os, platform, threading
-from contextlib import suppress
-from common.runtime import realtime
-
-def refuse(policy, priority):
-    raise PermissionError
-realtime._set_all_threads = refuse
-with suppress(PermissionError):
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-print(os.sched_getscheduler(0))
-waits = threading.Event()
-def start():
-    threading.Thread(target=waits.wait, daemon=True).start()
-os.nice(5)
-start()
-print(realtime.take_realtime_priority())
-start()
-number = realtime.SCHED_SETATTR[platform.machine()] + 1
-for thread in realtime._threads(os.getpid()):
-    found = ctypes.create_string_buffer(realtime.SCHED_ATTR.size)
-    ctypes.CDLL(None).syscall(number, thread, found, len(found), 0)
-    _, policy, _, nice, _, slice_ns, _, _ = realtime.SCHED_ATTR.unpack(found)
-    print(policy, nice, slice_ns)
-"""
-SLICES_SINCE = (6, 12)  # Linux
 
 
 def printed_by(program: str, *words: str) -> list[str]:
@@ -83,29 +53,6 @@ def test_all_threads_go_first_or_the_machine_does_not_grant_it() -> None:
     assert found[0] in (f"True [{os.SCHED_FIFO}]", f"False [{before}]")
     stays_idle = found[0].startswith("False") and before == os.SCHED_IDLE
     assert found[1] == f"[{before if stays_idle else os.SCHED_OTHER}]"
-
-
-def test_without_the_right_all_threads_request_short_time_slices() -> None:
-    """Those of before and those to come; policy and nice value are kept.
-
-    Linux keeps its own slices at idle priority, at which the pure tests begin; there only root may
-    leave it.
-    """
-    version = tuple(int(part) for part in os.uname().release.split(".")[:2])
-    policy, taken, *threads = printed_by(PRINTS_ITS_SLICES)
-    assert taken == "False"
-    kept = [thread.rsplit(" ", 1)[0] for thread in threads]
-    assert kept == [f"{policy} {os.nice(0) + 5}"] * 3
-    granted = version >= SLICES_SINCE and int(policy) != os.SCHED_IDLE
-    slices_ns = [int(thread.split()[-1]) for thread in threads]
-    assert [ns == realtime.SLICE_NS for ns in slices_ns] == [granted] * 3
-
-
-def test_where_the_call_is_not_known_nothing_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On another processor its number is another one."""
-    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: pytest.fail("a call"))
-    realtime.request_short_slices(os.getpid())
 
 
 def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,29 +119,6 @@ def test_a_service_is_bound_to_the_cores_of_its_role(monkeypatch: pytest.MonkeyP
     assert order == [(1, 3), "arbiter", "regulator"]
 
 
-BINDS = """
-import os, sys
-from common.runtime.realtime import bind_to_cores
-from forcemesh.errors import ConfigError
-
-first, count = min(os.sched_getaffinity(0)), os.cpu_count()
-bind_to_cores((first,))
-print(os.sched_getaffinity(0) == {first})
-for cores in ((first, 1000), (1000,)):
-    try:
-        bind_to_cores(cores)
-    except ConfigError as error:
-        print(error)
-"""
-
-
-def test_a_core_that_does_not_exist_is_named() -> None:
-    """The kernel binds to the others in silence, or to none."""
-    found = printed_by(BINDS)
-    text = f"cores: core 1000 cannot be used: this PC has {os.cpu_count()}, from 0 on"
-    assert found == ["True", text, text]
-
-
 # --- memory ---------------------------------------------------------------------------------------
 
 LOCKS = """
@@ -243,15 +167,6 @@ def work(duration_s: float) -> None:
         pass
 
 
-def test_a_long_step_is_its_own_cause(schedstat: Path) -> None:
-    """Also while it waited for a processor in between."""
-    found = ProcessorAccount()
-    work(GAP_S)
-    found.stepped()
-    schedstat.write_text("77 5039000000 9\n")
-    assert found.cause_of(GAP_S) == OWN_WORK
-
-
 @pytest.mark.parametrize(
     ("text", "is_realtime", "cause"),
     [
@@ -274,14 +189,3 @@ def test_waiting_for_a_processor_is_the_work_of_others(
     assert found.cause_of(GAP_S) == cause
     found.fraction()  # waiting before the last health is not of this gap
     assert found.cause_of(GAP_S) == STOPPED
-
-
-def test_the_share_is_that_of_the_whole_process_since_the_last_call() -> None:
-    """Processor time over elapsed time."""
-    since_s = time.monotonic()  # before the account's own start: a wait in between only adds to it
-    found = ProcessorAccount()
-    work(0.05)
-    share = found.fraction()
-    assert share * (time.monotonic() - since_s) >= 0.05
-    time.sleep(0.05)
-    assert found.fraction() < share

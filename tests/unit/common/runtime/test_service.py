@@ -21,7 +21,6 @@ from common.runtime.service import (
     HealthReporter,
     Runner,
     cell_from_arguments,
-    exit_on_error,
 )
 from common.runtime.stop import StopSignal
 from forcemesh import topics
@@ -29,9 +28,7 @@ from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.errors import BusError
 from forcemesh.messages import Health, Trip
-from forcemesh.requests import ArmRequest, Empty
 from tests.fakes.bench import CELL
-from tests.fakes.cellmates import Cellmates
 from tests.fakes.lab import Lab
 
 DEMO_FILE = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
@@ -136,30 +133,6 @@ def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
         assert ": gateway` in the cell file\n" in capsys.readouterr().err
 
 
-def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
-    line: ServiceBus, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The operator reads what is wrong, not a trace."""
-
-    @contextmanager
-    def no_hub(_cell: CellConfig, _role: str) -> Iterator[Bus]:
-        raise BusError("no hub answers")
-        yield
-
-    with pytest.raises(SystemExit, match="2"):
-        process.main("wrench", lambda *_: Worker(line.clock), connect=no_hub, realtime=False)
-    assert capsys.readouterr().err == "wrench: no hub answers\n"
-
-
-@pytest.mark.parametrize("error", [KeyError("x"), KeyboardInterrupt()], ids=repr)
-def test_an_error_outside_of_forcemesh_ends_the_process_with_its_trace(
-    error: BaseException,
-) -> None:
-    """An unforeseen error at start is a bug: it must not read as a mistake of the user."""
-    with pytest.raises(type(error)), exit_on_error("wrench"):
-        raise error
-
-
 @pytest.mark.usefixtures("line")
 def test_the_cell_that_the_command_line_names_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -245,42 +218,6 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
 
 
-class ScheduledWorker(Worker):
-    """A service that is due every 100 ms, 30 ms after its start."""
-
-    def __init__(self, clock: ManualClock) -> None:
-        """Keep the grid of the start."""
-        super().__init__(clock, period_s=0.1)
-        self._start_ns = clock.now_ns()
-
-    @property
-    def due_ns(self) -> int:
-        """The next of its times after the last step."""
-        last_ns = (self.steps_ns or [self._start_ns])[-1] - self._start_ns
-        periods = (last_ns // MS + 70) // 100
-        return self._start_ns + (30 + 100 * periods) * MS
-
-
-def test_a_scheduled_service_steps_at_its_own_times_and_on_messages() -> None:
-    """A message makes one step more; the next one is when the service says."""
-    clock = ManualClock()
-    worker = ScheduledWorker(clock)
-    worker.trigger = Trigger(clock, [50, 170])
-    assert run_until(worker, clock, 7) == [0, 30, 50, 130, 170, 230, 330]
-
-
-def test_a_scheduled_service_that_breaks_off_is_due_after_a_period() -> None:
-    """It did not come to its next time, and would be stepped without a pause."""
-    clock = ManualClock()
-    worker = ScheduledWorker(clock)
-    worker.error = ValueError("broken")
-    start_ns = clock.now_ns()
-    runner = Runner(worker, [], clock, contain=Containment("robot", lambda text: None))
-    assert runner.step(start_ns)
-    assert not runner.step(start_ns + 99 * MS)
-    assert runner.step(start_ns + 100 * MS)
-
-
 class SlowWorker(Worker):
     """A service whose steps take a time."""
 
@@ -293,9 +230,12 @@ class SlowWorker(Worker):
 
 
 def test_a_service_that_is_late_steps_again_at_once() -> None:
-    """Without a pause, and without making up for what it missed."""
+    """Without a pause, and without making up for all that it missed in a stall."""
     clock = ManualClock()
     assert run_until(SlowWorker(clock, period_s=0.1), clock, 3) == [0, 300, 600]
+    runner, stalled_ns = Runner(Worker(clock, period_s=0.1), [], clock), clock.now_ns() + 1000 * MS
+    assert runner.step(clock.now_ns())
+    assert [runner.step(stalled_ns) for _ in range(5)] == [True, True, True, False, False]
 
 
 # --- its health -----------------------------------------------------------------------------------
@@ -402,24 +342,6 @@ def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
     assert {trip.code for trip in failing.trips} == {"internal"}
     failing.error = None
     assert reported.after(BREAKDOWN_SHOWN_NS / 1e9).valid
-
-
-def test_the_arm_goes_to_fault_when_another_process_breaks_off() -> None:
-    """Under its own code, with the process's text; a person clears and arms."""
-    cell = Cellmates().arm()
-    well = cell.messages["hub/health"]
-    text = "hub: ValueError at law.py:7: 1e+200"
-    cell.change("hub/health", valid=False, code="internal", reason=text)
-    cell.step()
-    assert cell.last_status().state == "FAULT"
-    assert cell.codes() == ["internal"]
-    assert text in cell.last_status().trips[0].text
-    assert cell.published().permission is None
-    assert not cell.ask(topics.CLEAR, Empty()).accepted
-    cell.messages["hub/health"] = well
-    cell.pass_s(1.1)
-    assert cell.ask(topics.CLEAR, Empty()).accepted
-    assert cell.ask(topics.ARM, ArmRequest()).accepted
 
 
 @pytest.mark.parametrize("role", ["arbiter", "regulator", "wrench", "robot"])

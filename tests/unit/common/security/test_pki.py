@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.security.pki import Pair, make_authority, make_certificate, read_authority, write_pair
+from common.security.pki import make_authority, make_certificate, read_authority, write_pair
 from common.security.pki_check import CertificateFinding, check_folder
 from forcemesh.identity import NAMES
 
@@ -51,16 +50,6 @@ def wrong(folder: Path, after_days: float = 0.0) -> list[CertificateFinding]:
     return [finding for finding in found if finding.verdict != "good"]
 
 
-def test_a_certificate_is_not_wrong_and_good_at_once(folder: Path) -> None:
-    """Its right properties are not reported; the remedy names the folder that was named."""
-    (folder / "operator.key").chmod(0o644)
-    output = [each.verdict for each in check_folder(folder, "demo", NOW) if each.name == "operator"]
-    assert output == ["wrong"]
-    code, words = pki("check", folder=folder)
-    assert code == 1
-    assert f"forcemesh pki issue operator --again --cell {DEMO} --folder {folder}" in words
-
-
 def certificate(folder: Path, name: str) -> x509.Certificate:
     """Return a certificate of a folder."""
     return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
@@ -85,49 +74,6 @@ def test_init_makes_all_names_and_check_finds_nothing_wrong(tmp_path: Path) -> N
         assert {name, "localhost", "labpc"} <= set(names.get_values_for_type(x509.DNSName))
         assert "192.168.1.7" in map(str, names.get_values_for_type(x509.IPAddress))
     assert pki("check", folder=tmp_path / "pki")[0] == 0
-
-
-def older(folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None) -> None:
-    """Put a certificate into a folder that is good for some ends of a link, None: unsaid."""
-    authority = read_authority(folder)
-    new = make_certificate(authority, name, "demo", hosts=[], days=365, now=NOW)
-    builder = (
-        x509.CertificateBuilder()
-        .subject_name(new.certificate.subject)
-        .issuer_name(new.certificate.issuer)
-        .public_key(new.key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(NOW)
-        .not_valid_after(NOW + dt.timedelta(days=365))
-    )
-    if ends is not None:
-        builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
-    made = builder.sign(authority.key, hashes.SHA256())
-    write_pair(folder, name, Pair(made, new.key), owner=None)
-
-
-BOTH = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-
-
-@pytest.mark.parametrize("name", ["wrench", "operator"])
-@pytest.mark.parametrize("ends", [BOTH, None, [ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE]])
-def test_an_older_certificate_that_could_be_the_hub_is_wrong(
-    folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None
-) -> None:
-    """Named, with the verb that makes a new one, and the one that ends a stolen one."""
-    older(folder, name, ends)
-    (finding,) = wrong(folder)
-    assert (finding.verdict, finding.name) == ("wrong", name)
-    assert "can stand in for the hub until 2027-01-01" in finding.text
-    assert "forcemesh pki init --again" in finding.text
-    assert finding.remedy == f"forcemesh pki issue {name} --again"
-
-
-def test_a_hub_with_a_clients_certificate_is_wrong(folder: Path) -> None:
-    """Every role would refuse it; the check reports that before the cell is up."""
-    older(folder, "hub", [ExtendedKeyUsageOID.CLIENT_AUTH])
-    (finding,) = wrong(folder)
-    assert "every client rejects a hub" in finding.text
 
 
 def test_only_the_owner_reads_any_file(tmp_path: Path) -> None:
@@ -159,50 +105,6 @@ def test_what_is_refused_changes_no_file(tmp_path: Path) -> None:
     changed = {name for name in before if (tmp_path / name).read_bytes() != before[name]}
     assert changed == {"wrench.pem", "wrench.key"}
     assert pki("issue", "hub", "--again", "--host", "labpc", folder=tmp_path)[0] == 0
-
-
-def test_another_machine_gets_its_own_key_and_not_the_authoritys(tmp_path: Path) -> None:
-    """`issue --to` writes the files of one name and nothing that makes others."""
-    pki("init", folder=tmp_path / "pki")
-    code, output = pki(
-        "issue", "monitor", "--again", "--to", str(tmp_path / "screen"), folder=tmp_path / "pki"
-    )
-    assert code == 0, output
-    files = {path.name for path in (tmp_path / "screen").iterdir()}
-    assert files == {"ca.pem", "monitor.pem", "monitor.key"}
-    assert pki("check", folder=tmp_path / "screen")[0] == 0
-
-
-def test_cells_that_meet_can_share_an_authority(tmp_path: Path) -> None:
-    """A second cell's folder made with `--authority` is trusted by the first, without its key."""
-    pki("init", folder=tmp_path / "a")
-    code, output = pki("init", "--authority", str(tmp_path / "a"), folder=tmp_path / "b")
-    assert code == 0, output
-    assert not (tmp_path / "b" / "ca.key").exists()
-    authority = certificate(tmp_path / "a", "ca")
-    certificate(tmp_path / "b", "hub").verify_directly_issued_by(authority)
-
-
-def test_compose_settings_are_added_to_the_existing_ones(tmp_path: Path) -> None:
-    """`--env` keeps the other lines; only its owner reads the file, which has the panel's token."""
-    env = tmp_path / ".env"
-    env.write_text("CELL=mine.yaml\nFORCEMESH_PKI=/old\n")
-    env.chmod(0o644)
-    assert pki("init", "--env", str(env), folder=tmp_path / "pki")[0] == 0
-    assert stat.S_IMODE(env.stat().st_mode) == 0o600
-    assert env.stat().st_uid == tmp_path.stat().st_uid
-    lines = env.read_text().splitlines()
-    assert lines[:2] == ["CELL=mine.yaml", f"FORCEMESH_PKI={tmp_path / 'pki'}"]
-    words = dict(line.split("=", 1) for line in lines)
-    user, _, group = words["FORCEMESH_USER"].partition(":")
-    assert user != "0"
-    assert len(words["FORCEMESH_PANEL_TOKEN"]) >= 32
-    assert words["FORCEMESH_BUS"] == "tls"  # certificates are used where they are named
-    for name in ("calibration", "recordings"):  # containers write there
-        assert words[f"FORCEMESH_{name.upper()}"] == f"./{name}"
-        about = (tmp_path / name).stat()
-        assert (about.st_uid, about.st_gid) == (int(user), int(group))
-    assert [path.name for path in tmp_path.glob(".env*")] == [".env"]
 
 
 @pytest.mark.parametrize(("days", "verdict"), [(350.9, ""), (351.1, "soon"), (365.1, "wrong")])
@@ -241,10 +143,3 @@ def test_everything_that_is_wrong_with_a_certificate_is_named(folder: Path) -> N
     assert "no certificate" in output["operator"]
     assert "no key" in output["monitor"]
     assert set(output) == set(NAMES) - {"arbiter", "recorder", "panel"}
-
-
-def test_an_empty_folder_is_reported_with_the_remedy(tmp_path: Path) -> None:
-    """Before the first `init` there is one line with one remedy, and the exit code is 1."""
-    found = check_folder(tmp_path, "demo", NOW)
-    assert [(f.name, f.remedy) for f in found] == [("ca", "forcemesh pki init")]
-    assert pki("check", folder=tmp_path)[0] == 1

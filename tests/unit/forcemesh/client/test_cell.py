@@ -3,25 +3,14 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.convert import pose_of
-from common.motion.frames import rotation_between
 from forcemesh import topics
-from forcemesh.client import (
-    ArmStoppedError,
-    DataError,
-    ForcemeshError,
-    LostError,
-    NotReachedError,
-    NotValidError,
-    RefusedError,
-)
+from forcemesh.client import ArmStoppedError, DataError, LostError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS
-from forcemesh.messages import Gains, PoseRecord
+from forcemesh.messages import PoseRecord
 from forcemesh.requests import Empty, HoldRequest, MoveRequest
 from tests.fakes.lab import Lab
 
@@ -106,18 +95,6 @@ def test_a_move_returns_where_the_arm_is(lab: Lab, cell: ConfiguredCell) -> None
     assert lab.state.goal.state == "done"
 
 
-@pytest.mark.parametrize(("axes", "up_m"), [("base", 0.01), ("tool", -0.01)])
-def test_a_jog_shifts_and_turns_the_tool(
-    cell: ConfiguredCell, axes: Literal["base", "tool"], up_m: float
-) -> None:
-    """Along base z, and back along the tool's own z, which points down here: the same direction."""
-    before = cell.state()
-    there = cell.jog((0.0, 0.0, up_m), (0.0, 0.0, 0.1), axes=axes)
-    assert there.position_m[2] == pytest.approx(before.position_m[2] + 0.01, abs=1e-4)
-    turn = rotation_between(pose_of(before).rotation, pose_of(there).rotation)
-    assert turn == pytest.approx([0.0, 0.0, 10.0 * up_m], abs=1e-3)
-
-
 def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
     lab: Lab, cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,13 +118,6 @@ def test_a_move_that_is_stopped_reports_the_reason(lab: Lab, cell: ConfiguredCel
     assert caught.value.remedy == FAULTS["hold"].remedy
 
 
-def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
-    """A move without a waiting client does not continue."""
-    with pytest.raises(NotReachedError, match=r"not complete within 0\.2 s"):
-        cell.move.begin(up(cell)).wait(timeout_s=0.2)
-    assert cell.status().state == "HOLDING"
-
-
 def test_pressing_that_does_not_come_about_stops_force_feedback(
     lab: Lab, cell: ConfiguredCell
 ) -> None:
@@ -157,27 +127,6 @@ def test_pressing_that_does_not_come_about_stops_force_feedback(
     lab.cell.advance(0.2)
     assert cell.status().commander == "none"
     assert cell.target.reading().message.mode is None  # type: ignore[union-attr]
-
-
-def test_pressing_that_is_stopped_reports_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
-    """A hold while the tool approaches."""
-    lab.cell.advance(0.1)
-    stop_at = lab.cell.clock.now_ns() + 200_000_000
-
-    def hold(_: float) -> None:
-        if lab.cell.clock.now_ns() > stop_at and cell.status().operational:
-            lab.ask(topics.HOLD, HoldRequest(reason="a visitor"))
-
-    with pytest.raises(ArmStoppedError, match=r"pressing ended.*a visitor"):
-        cell.force.press(15.0, progress=hold)
-
-
-def test_a_motion_that_was_not_started_cannot_be_changed(calm: ConfiguredCell) -> None:
-    """A set point alone would leave mode and axes to chance."""
-    with pytest.raises(ForcemeshError, match="use start"):
-        calm.force.set(5.0)
-    with pytest.raises(ForcemeshError, match="use start"):
-        calm.force.settle()
 
 
 @pytest.mark.parametrize(
@@ -202,23 +151,6 @@ def test_an_argument_that_no_request_can_carry_is_named(
         do(calm)
 
 
-def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
-    """Set gains are there, omitted ones are as before."""
-    before = calm.force.gains()
-    assert isinstance(before, Gains)
-    assert before.force_i_m_per_Ns[0] > 0.0
-    after = calm.force.gains(force_i_m_per_Ns=(1e-5, 2e-5, 3e-5))
-    assert after == before.replaced(force_i_m_per_Ns=(1e-05, 2e-05, 3e-05))
-
-
-def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
-    """The arbiter sends the set speeds with each request."""
-    before = calm.speed()
-    returned = calm.speed(mechanical_m_s=0.02)
-    calm.session.clock.sleep_s(0.05)
-    assert calm.speed() == returned == before.replaced(mechanical_m_s=0.02)
-
-
 def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
     """By its feed that ended, and by the request without an answer."""
     lab.cell.kill("wrench")
@@ -229,16 +161,6 @@ def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
         cell.wrench(within_s=0.05)
 
 
-def test_a_service_that_cannot_answer_gives_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
-    """The wrench without a robot publishes, and its message is no force."""
-    lab.cell.kill("robot")
-    lab.cell.advance(0.3)
-    with pytest.raises(NotValidError) as caught:
-        cell.wrench(within_s=0.2)
-    assert caught.value.code in FAULTS
-    assert caught.value.remedy
-
-
 def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) -> None:
     """At the rate of the cell, with the stamps of its writer."""
     received = list(calm.wrench.stream(seconds=0.5))
@@ -247,21 +169,3 @@ def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) ->
     rate_hz = calm.config.rate_hz(topics.WRENCH)
     assert len(received) == pytest.approx(0.5 * rate_hz, rel=0.1)
     assert received[-1].stamp_s - received[0].stamp_s == pytest.approx(0.5, rel=0.1)
-
-
-def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
-    """A loop over messages does not hang for ever."""
-    lab.cell.kill("wrench")
-    with pytest.raises(LostError, match=r"nothing on wrench for 0\.5 s"):
-        list(cell.wrench.stream(silence_s=0.5))
-
-
-def test_a_rate_is_the_writers_however_seldom_it_is_read(lab: Lab, cell: ConfiguredCell) -> None:
-    """It is taken from the numbers that messages carry."""
-    for _ in range(4):
-        cell.wrench.reading()
-        lab.cell.advance(0.1)
-    assert cell.wrench.rate_hz == pytest.approx(cell.config.rate_hz(topics.WRENCH), rel=0.05)
-    lab.cell.kill("wrench")
-    lab.cell.advance(0.2)
-    assert cell.wrench.rate_hz is None

@@ -7,7 +7,6 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.client import LostError, NotReachedError, NotValidError
-from forcemesh.messages import ContactEvent
 from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
@@ -71,33 +70,6 @@ def test_press_slide_and_leave_are_exactly_these_states(lab: ContactCell) -> Non
     assert lost.slid_m == pytest.approx(SLIDE_M, rel=0.1)
 
 
-def test_an_impact_that_has_passed_is_found(lab: ContactCell) -> None:
-    """Changes are kept from the first use on; `after` excludes earlier ones."""
-    before = lab.client.contact()
-    lab.press()
-    lab.world.advance(4.0)
-    impact = lab.client.contact.wait("impact", within_s=0.0, after=before)
-    assert impact.state == "impact"
-    assert impact.duration_s > 0.0
-    assert lab.client.contact().state == "contact"
-    assert lab.client.contact.wait("impact", "contact", within_s=0.0).state == "contact"
-    with pytest.raises(NotReachedError, match=r"no impact within 0\.1 s: .* is contact"):
-        lab.client.contact.wait("impact", within_s=0.1, after=impact)
-
-
-def test_many_states_are_kept_and_the_oldest_dropped(
-    lab: ContactCell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A program that runs for weeks keeps a bounded number."""
-    publisher = lab.world.runners["regulator"].service._contacts  # type: ignore[attr-defined]
-    lab.client.contact.changes()
-    for number in range(100, 700):
-        publisher.put(ContactEvent(number=number, state="contact", since_ns=10**12 + number))
-    kept = lab.client.contact.changes()
-    assert len(kept) == 256
-    assert kept[-1].number == 699
-
-
 def test_a_silent_regulator_is_lost_and_an_unknown_state_not_valid(lab: ContactCell) -> None:
     """Waiting ends with the error that says which."""
     lab.client.contact()
@@ -110,13 +82,3 @@ def test_a_silent_regulator_is_lost_and_an_unknown_state_not_valid(lab: ContactC
     lab.world.kill("regulator")
     with pytest.raises(LostError, match="contact is missing or stale"):
         lab.client.contact.wait("impact", within_s=1.0)
-
-
-def test_without_any_message_it_is_lost() -> None:
-    """From a cell whose regulator has not started."""
-    world = VirtualCell(load_cell(DEMO, {"rates": HALF_RATES}))
-    world.kill("regulator")
-    client = ConfiguredCell(world.cell, bus=world.client, commander="operator")
-    with pytest.raises(LostError, match=r"no impact or contact within 0\.1 s"):
-        client.contact.wait("impact", "contact", within_s=0.1)
-    assert client.contact.changes() == ()

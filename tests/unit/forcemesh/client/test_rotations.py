@@ -34,15 +34,6 @@ def test_o_a_t_of_a_rotation_give_it_back(oat_deg: Vec3) -> None:
     assert again == pytest.approx(R_from_quaternion(q), abs=1e-8)
 
 
-@given(RADIANS, METRES)
-def test_a_rotation_vector_turns_a_vector_alike(rotation_rad: Vec3, v: Vec3) -> None:
-    """exp([w]x) v, also for hardly any rotation at all."""
-    expected = rotation_from_vector(np.array(rotation_rad)) @ np.array(v)
-    assert turning.rotate(turning.from_rotation_vector(rotation_rad), v) == pytest.approx(
-        expected, abs=1e-12
-    )
-
-
 @given(METRES, DEGREES, METRES, DEGREES, METRES, RADIANS, st.booleans())
 def test_a_jog_is_the_product_of_poses(
     p_m: Vec3, oat: Vec3, tool_m: Vec3, tool_oat: Vec3, shift_m: Vec3, turn: Vec3, in_tool: bool

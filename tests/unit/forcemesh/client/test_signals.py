@@ -6,12 +6,11 @@ import pytest
 
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.client import DataError, LostError, NotReachedError, NotValidError, RefusedError
-from forcemesh.requests import MoveRequest
+from forcemesh.client import DataError, NotValidError, RefusedError
 from services.gateway.service import Gateway
 from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.lab import Lab
-from tests.fakes.signals import ALL_OFF, FOLLOWING
+from tests.fakes.signals import FOLLOWING
 
 CELLS = {
     "sim": load_cell(DEMO, {**FOLLOWING, "rates": HALF_RATES}),
@@ -30,29 +29,6 @@ def cell(lab: Lab) -> Iterator[ConfiguredCell]:
     """An operator on it."""
     with ConfiguredCell(lab.cell.cell, bus=lab.cell.client, commander="operator") as client:
         yield client
-
-
-def test_an_output_is_set_and_read(cell: ConfiguredCell) -> None:
-    """By name and by number; the others stay."""
-    assert cell.signals.read() == ALL_OFF
-    assert cell.signals.set("gripper_close").text.endswith("is switched on")
-    cell.signals.wait("gripper_close", timeout_s=2.0)
-    assert cell.signals.read() == {**ALL_OFF, "gripper_close": True}
-    cell.signals.set(9, False)
-    cell.signals.wait("gripper_close", False, 2.0)
-    assert cell.signals.read() == ALL_OFF
-
-
-def test_a_program_waits_for_an_input(cell: ConfiguredCell) -> None:
-    """It is awaited on and off; the name is one of the cell file."""
-    cell.signals.set("lamp")
-    cell.signals.wait("part", timeout_s=2.0)
-    cell.signals.set("lamp", False)
-    cell.signals.wait("part", False, 2.0)
-    with pytest.raises(NotReachedError, match=r"part is off after 0\.2 s, expected on"):
-        cell.signals.wait("part", timeout_s=0.2)
-    with pytest.raises(DataError, match=r"no signal 'parts': the cell file names gripper_close"):
-        cell.signals.wait("parts")
 
 
 def test_while_the_arm_holds_only_what_may_be_is_set(lab: Lab, cell: ConfiguredCell) -> None:
@@ -86,16 +62,6 @@ def test_what_the_cell_file_does_not_permit_is_refused(lab: Lab, cell: Configure
         cell.signals.set("a" * 41)
 
 
-def test_without_signals_in_the_cell_file_none_is_received() -> None:
-    """The message has the cause."""
-    lab = Lab()
-    with ConfiguredCell(lab.cell.cell, bus=lab.cell.client) as cell:
-        with pytest.raises(LostError, match="if its cell file has a section signals"):
-            cell.signals.read(0.1)
-        with pytest.raises(RefusedError, match="outputs that can be set: none"):
-            cell.signals.set("lamp")
-
-
 def test_a_lost_link_is_no_state() -> None:
     """Over TCP: not valid at once, refused, neither on nor off; known again after reconnection."""
     lab = Lab(CELLS["tcp"])
@@ -116,37 +82,3 @@ def test_a_lost_link_is_no_state() -> None:
         assert refused.value.code == "robot_link"
         lab.cell.advance(5.0)
         assert cell.signals.read()["lamp"]  # the controller keeps its outputs
-
-
-def test_a_wait_over_a_lost_link_ends_with_its_cause(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The state is unknown, neither on nor off."""
-    lab = Lab(CELLS["tcp"])
-    with ConfiguredCell(lab.cell.cell, bus=lab.cell.client, commander="operator") as cell:
-        began = lab.cell.clock.now_ns()
-        wait_until = lab.cell.advance
-
-        def cut(duration_s: float, *rest: object) -> None:
-            if lab.cell.clock.now_ns() - began > 0.5e9 and "sensor" in lab.cell.runners:
-                lab.cell.kill("sensor")  # the controller, with its sensor
-            wait_until(duration_s, *rest)  # type: ignore[arg-type]
-
-        monkeypatch.setattr(lab.cell, "advance", cut)
-        with pytest.raises(NotReachedError, match=r"lamp is unknown \(.+\) after 2 s"):
-            cell.signals.wait("lamp", timeout_s=2.0)
-
-
-def test_the_arm_moves_on_while_an_output_is_set(lab: Lab, cell: ConfiguredCell) -> None:
-    """The output is switched during the move, and the move arrives."""
-    before = lab.now(lab.robot)
-    move = cell.move.begin(move_up(lab))
-    lab.cell.advance(0.3)
-    cell.signals.set("gripper_close")
-    cell.signals.wait("gripper_close", timeout_s=2.0)
-    assert lab.now(lab.robot).goal.state == "running"
-    assert move.wait().position_m[2] > before.position_m[2] + 0.03
-
-
-def move_up(lab: Lab) -> MoveRequest:
-    """Return a move up that takes a second."""
-    request = {"kind": "pose", "pose": lab.target(z_m=0.04), "commander": "operator"}
-    return MoveRequest.from_dict(request)

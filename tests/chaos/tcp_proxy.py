@@ -1,4 +1,4 @@
-"""A hostile TCP proxy: the same abuses as on the wire in memory, between real sockets.
+"""A hostile TCP proxy between real sockets: each direction of a connection has an abuse.
 
     gateway ─TCP─► proxy ─TCP─► controller        one Hop for each connection
 

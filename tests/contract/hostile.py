@@ -5,7 +5,6 @@ whether either came from other bytes than the sender's, and when the arm was com
 """
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -13,37 +12,118 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import CellConfig
 from common.motion.convert import record_of
-from common.runtime.service import Runner, Service
 from controller.packet import PACKET_CHARS
-from forcemesh.bus import Bus
-from forcemesh.clock import ManualClock, MonotonicClock
 from forcemesh.messages import Feedback, Gains, RobotState, WrenchAtTcp
-from services.gateway.link import LinkEvents
-from services.gateway.service import Gateway
-from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import MotionRequest
-from sim.controller.network import LockStepLink, Network, SocketNetwork
-from sim.controller.service import ControllerSensor
+from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
 from sim.controller.tasks import Compiled, Op
-from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
-from tests.contract.robots import PROGRAM, Both
-from tests.fakes.controller import PORT
-from tests.fakes.hostile_proxy import HostileProxy
-from tests.fakes.hostile_stream import Hop
-from tests.fakes.hostile_wire import HostileNetwork
+from tests.contract.rig import pose_goal, shifted
+from tests.contract.robots import GOOD, Both, Emulated
+from tests.fakes.hostile_stream import Abuse, Hop, Lane
 
-WATCHDOG_S = 0.25
 POSITION_PER_MM, JOINT_PER_DEG = 50, 250  # the scales of hello in this cell
 STILL_RAD = 1e-9  # between two milliseconds of command
 ARM_STILL_RAD = 2e-4  # how far an arm that holds may settle
-LONGEST_RENEWAL_NS = 10_000_000  # longer ones are stalls of the machine, half a millimetre each
-QUICK = Behaviour(step_s=1e-4)
 GAINS = Gains(force_p_m_per_N=(1e-6,) * 3, force_i_m_per_Ns=(1e-3,) * 3)  # 10 N: 10 mm/s
+
+
+class PieceStream(MemoryStream):
+    """An end that is read piece by piece, as it was written: the least favourable network."""
+
+    def receive(self, most: int) -> bytes | None:
+        """Return the oldest piece that waits; see MemoryStream."""
+        if not self._inbox or self.cut or self.closed:
+            return super().receive(most)
+        piece = self._inbox.popleft()
+        if piece[most:]:
+            self._inbox.appendleft(piece[most:])
+        self._held -= len(piece[:most])
+        return piece[:most]
+
+
+class HostileNetwork(MemoryNetwork):
+    """A network whose connections all go through a hop; `pump` lets bytes pass."""
+
+    def __init__(self) -> None:
+        """Start without an abuse."""
+        super().__init__()
+        self.hops: list[Hop] = []
+        self.standing: dict[str, Callable[[], Abuse]] = {}  # for every new connection
+        self._ends: list[tuple[Hop, PieceStream, PieceStream]] = []
+
+    @property
+    def hop(self) -> Hop:
+        """The newest connection."""
+        return self.hops[-1]
+
+    def dial(self, port: int, peer: Octets = LOOPBACK) -> MemoryStream:
+        """Connect through a hop. Raises OSError if no process listens."""
+        listener = self.listeners.get(port)
+        if listener is None:
+            raise ConnectionRefusedError(f"no server listens on port {port}")
+        near, ours, theirs, far = (PieceStream() for _ in range(4))
+        near.partner, ours.partner, theirs.partner, far.partner = ours, near, far, theirs
+        far.peer = peer
+        listener.waiting.append(far)
+        hop = Hop()
+        for direction, make in self.standing.items():
+            hop.lane(direction).abuse = make()
+        self.hops.append(hop)
+        self._ends.append((hop, ours, theirs))
+        return near
+
+    def strike(self, direction: str, abuse: Abuse) -> Abuse:
+        """Apply an abuse to one direction of the newest connection from now on."""
+        self.hop.lane(direction).abuse = abuse
+        return abuse
+
+    def intrude(self, port: int, data: bytes) -> MemoryStream:
+        """Connect as another client, not through a hop, and send data."""
+        stream = super().dial(port)
+        stream.send(data)
+        self.hops.insert(0, Hop(to_controller=Lane(sent=bytearray(data)), over=True))
+        return stream
+
+    def pump(self, now_ns: int) -> None:
+        """Let bytes pass, except through a hop that has vanished."""
+        for hop, ours, theirs in self._ends:
+            if hop.vanished or hop.over:
+                continue
+            up_ended = _carry(ours, theirs, hop.to_controller, now_ns)
+            down_ended = _carry(theirs, ours, hop.to_gateway, now_ns)
+            if hop.cuts:
+                ours.reset()
+                theirs.reset()
+            elif up_ended or down_ended:
+                ours.close()
+                theirs.close()
+            hop.over = ours.closed
+
+
+def _carry(source: PieceStream, sink: PieceStream, lane: Lane, now_ns: int) -> bool:
+    """Move bytes from one end to the other; return whether the source has ended and all is sent."""
+    ended = False
+    try:
+        while data := source.receive(65_536):
+            lane.push(data)
+        ended = data == b""
+    except OSError:
+        ended = True
+    try:
+        lane.stuck += lane.pull(now_ns)
+        while lane.stuck:
+            piece = lane.stuck.popleft()
+            rest = piece[sink.send(piece) :]
+            if rest:
+                lane.stuck.appendleft(rest)
+                break
+    except OSError:
+        return True
+    return ended and not lane.waiting and not lane.stuck
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,49 +134,32 @@ class Accepted:
     chars: str
 
 
-class HostileCell:
-    """A rig whose robot is gateway, hop and controller; a wire in memory by default."""
+class HostileCell(Emulated):
+    """The emulated robot of the contract with a hostile hop in its wire."""
 
-    def __init__(self, behaviour: Behaviour = QUICK, **overrides: object) -> None:
+    network: HostileNetwork
+
+    def __init__(self, behaviour: Behaviour = GOOD) -> None:
         """Start everything at one virtual time."""
-        self._behaviour = behaviour
+        super().__init__(behaviour, network=HostileNetwork())
+        assert isinstance(self.rig.service, Both)
+        self.gateway = self.rig.service.gateway
         self.accepted: list[Accepted] = []  # framed by the receiver
         self.taken: list[Accepted] = []  # by the robot program
         self.moments_ns: list[int] = []
         self.commands: list[np.ndarray] = []
         self.joints: list[np.ndarray] = []
         self.planned: list[pin.SE3] = []  # final flange pose of every accepted motion
-        self.rig = self._make_rig(overrides)
+        watch_program(self.machine, self.accepted, self.taken)
+        watch_motions(self.machine, self.planned)
+        self.machine.after_tick.append(self._tick)
 
-    def _make_rig(self, overrides: dict[str, object]) -> Rig:
-        self.network = HostileNetwork()
-        return Rig(hostile_cell(PORT, **overrides), ManualClock(), self._make)
-
-    def _make(self, bus: Bus, cell: CellConfig) -> Service:
-        self.wire = LockStepLink(self.network, PORT, LinkEvents)
-        self.gateway = Gateway(bus, cell, self.wire)
-        controller = self._controller(bus, cell, self.network)
-        self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
-        return Both(self.gateway, Runner(controller, [], bus.clock).step)
-
-    def _controller(self, bus: Bus, cell: CellConfig, network: Network) -> ControllerSensor:
-        self.controller = ControllerSensor(
-            bus.playing("sensor"), cell, network, behaviour=self._behaviour
-        )
-        machine = self.machine = self.controller.machine
-        machine.load(load(PROGRAM))
-        watch_program(machine, self.accepted, self.taken)
-        watch_motions(machine, self.planned)
-        machine.after_tick.append(self._record_command)
-        machine.pendant.monitor_speed(100.0)
-        machine.pendant.execute("fm.main")
-        return self.controller
-
-    def _record_command(self) -> None:
+    def _tick(self) -> None:
         robot = self.machine.robot
         self.moments_ns.append(self.machine.now_ns)
         self.commands.append(robot.queue.q_command.copy())
         self.joints.append(robot.q.copy())
+        self.network.pump(self.machine.now_ns)
 
     @property
     def hops(self) -> list[Hop]:
@@ -122,15 +185,13 @@ class HostileCell:
         self.rig.advance(0.05)
 
     def _stream(self, start: Any) -> None:
-        """Publish set points at 50 mm/s, a new one each millisecond; a stall causes no step."""
-        arbitrate = self.rig._arbitrate
-        last_ns, z_m = self.rig.clock.now_ns(), 0.0
+        """Publish set points at 50 mm/s, a new one each millisecond."""
+        arbitrate, z_m = self.rig._arbitrate, 0.0
 
         def renew(now_ns: int) -> None:
-            nonlocal last_ns, z_m
-            last_ns, past_ns = now_ns, now_ns - last_ns
+            nonlocal z_m
             if self.rig.command is not None and self.rig.command.kind == "setpoint":
-                z_m = min(z_m + 0.05e-9 * min(past_ns, LONGEST_RENEWAL_NS), 0.06)
+                z_m = min(z_m + 5e-5, 0.06)
                 self.rig.send("setpoint", pose=record_of(shifted(start, z_m=z_m)))
             arbitrate(now_ns)
 
@@ -159,18 +220,11 @@ class HostileCell:
 
     def assert_obeys_after_arming(self) -> None:
         """Assert that the link is up again: after arming, a goal is done."""
-        self.rig.connect()
-        goals = (self._does_a_goal(100 + 10 * len(self.hops) + attempt) for attempt in range(3))
-        # A stall of the controller may end a lease, so three attempts.
-        assert "done" in goals, f"{self.rig.state.goal} {self.rig.state.hold_reason}"
-
-    def _does_a_goal(self, goal_id: int) -> str:
-        rig = self.rig
+        rig, goal_id = self.rig, 100 + len(self.hops)
+        rig.connect()
         rig.arm()
         rig.send("goal", goal=pose_goal(goal_id, shifted(rig.T, z_m=0.005)))
-        over = {"done", "refused"}
-        rig.advance(5.0, lambda: rig.state.goal.id == goal_id and rig.state.goal.state in over)
-        return rig.state.goal.state
+        rig.until(lambda: rig.state.goal.id == goal_id and rig.state.goal.state == "done")
 
     # --- packets and reports ----------------------------------------------------------------------
 
@@ -190,49 +244,6 @@ class HostileCell:
         for state in self.rig.states:
             if state.valid:
                 assert any(_is_sample(state, sample) for sample in left), state
-
-
-class SocketCell(HostileCell):
-    """The same on real sockets, through a proxy, in real time; the gateway with its own link."""
-
-    def __init__(self, stack: ExitStack, **overrides: object) -> None:
-        """Open everything; the stack closes it."""
-        self._stack = stack
-        super().__init__(QUICK, **({"rates.robot_hz": 20} | overrides))
-
-    def _make_rig(self, overrides: dict[str, object]) -> Rig:
-        self.sockets = SocketNetwork(port=0)
-        self.proxy = self._stack.enter_context(HostileProxy(lambda: self.sockets.bound.get(PORT)))
-        return Rig(hostile_cell(self.proxy.port, **overrides), MonotonicClock(), self._make)
-
-    def _make(self, bus: Bus, cell: CellConfig) -> Service:
-        self.gateway = Gateway(bus, cell)
-        self._stack.callback(self.gateway.close)
-        controller = self._controller(bus, cell, self.sockets)
-        self._stack.callback(controller.close)
-        return Both(self.gateway, Runner(controller, [], bus.clock).step)
-
-    @property
-    def hops(self) -> list[Hop]:
-        """Every connection that the gateway has opened so far."""
-        return self.proxy.hops
-
-
-class LoneController(SocketCell):
-    """The controller and the proxy; the gateway is another process."""
-
-    def _make(self, bus: Bus, cell: CellConfig) -> Service:
-        controller = self._controller(bus, cell, self.sockets)
-        self._stack.callback(controller.close)
-        return controller
-
-
-def hostile_cell(port: int, **overrides: object) -> CellConfig:
-    """Return the cell of these tests: the shipped program's watchdog, room below the tool."""
-    gateway = {"host": "127.0.0.1", "port": port, "watchdog_s": WATCHDOG_S}
-    return gateway_cell(
-        port, **{"rates.robot_hz": 40, "sim.gap_m": 0.1, "gateway": gateway} | overrides
-    )
 
 
 def samples_of(sent: bytes) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.payload import WORLDS, CellErrors, compared, read, recording, trial, truth
-from bench.payload_peers import lsm
+from bench.payload import (
+    WORLDS,
+    CellErrors,
+    compared,
+    plain_fit,
+    read,
+    recording,
+    trial,
+    truth,
+)
 from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import bias_since_end, residual
@@ -73,7 +81,7 @@ def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
     poses = Poses(train, np.ones(10), np.arange(10))
     left_out = solve(poses, Model(), start_state()).loo_residual
     for pose in range(10):
-        without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
+        without = plain_fit(train[np.setdiff1d(np.arange(10), [pose])])
         found = residual(
             without,
             train.R_base_sensor[pose],

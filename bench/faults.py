@@ -76,6 +76,7 @@ class FaultCell:
         self.p_m: list[Array] = []
         self.last_ns = 0  # of the last motion command that the robot has accepted
         self._robot: Any = self.world.runners["robot"].service
+        self.client.state.reading()  # subscribes: the newest message is there when it is read
         self.live(0.1)
 
     def live(self, duration_s: float) -> None:

@@ -55,7 +55,7 @@ def release(
 ) -> Release:
     """Let a law reduce the force to zero; end early on excessive lift-off."""
     pilot.setpoint_N = 0.0
-    trace, t = Trace(), 0.0
+    trace, t, over_pct = Trace(), 0.0, 0.0
     while t < longest_s:
         rig.run(pilot, CHUNK_S, trace)
         t = trace.t_s[-1]

@@ -13,9 +13,10 @@ from bench.force.requirements import closest, requirements
 from bench.force.rig import BAND_N, SceneSettings
 from bench.force.scenes import SCENES, Scene
 from bench.harness import CaseTable, Options, Tables, grid, grouped, worst
-from bench.over_tcp import CELL, released
+from bench.over_tcp import CELL
 from bench.pages import heading
 from bench.results import Row
+from bench.settling import released
 from cli.demo.cell import DemoOverrides, demo_cell
 from cli.demo.scenario import ScenarioPlan
 from forcemesh.messages import Host
@@ -98,7 +99,7 @@ def scene_row(case: Row, play: Scene) -> Row:
 def scene_table(name: str) -> CaseTable:
     """Return the table of a scene: every law in every world."""
     laws = [law for law in OF_REGULATOR if law != GUIDED or name.startswith("guide")]
-    cases = [{"law": law, **world} for law, world in product(laws, WORLDS)]
+    cases: list[Row] = [{"law": law, **world} for law, world in product(laws, WORLDS)]
     if name == "ten-times-stiffer":
         cases = [case for case in cases if case["stiffness_N_m"] >= 10.0 * SOFTEST_PLATE_N_M]
     if name == "wall-vanishes":

@@ -6,7 +6,6 @@ names those that differ. Exit code 1: a requirement is not met, or a page differ
 """
 
 import argparse
-import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
@@ -17,7 +16,7 @@ from rich.markdown import Markdown
 
 from bench.harness import Measure, Options, unmet
 from bench.pages import as_markdown, differing
-from bench.results import ROOT, as_json, measured_now, write
+from bench.results import ROOT, as_tables, measured_now, write
 
 BENCHES = {  # name: module with its `measure`
     "chain": "bench.chain.compare",
@@ -47,21 +46,18 @@ def main() -> int:
         print("\n".join(BENCHES))
         return 0
     measure: Measure = import_module(BENCHES[given.name]).measure
-    with ProcessPoolExecutor(given.workers) as pool:
-        tables = measure(Options(pool, given.quick, given.minutes, given.file))
-    result = measured_now(given.name, f"make bench ARGS={given.name}", tables)
-    if given.json:
-        print(as_json(result), end="")
-    else:
-        shown = (f"## {name}\n\n{as_markdown(each)}\n" for name, each in tables.items())
-        Console(width=160).print(Markdown("\n".join(shown)))
+    with ProcessPoolExecutor() as pool:
+        measured = measure(Options(pool, given.quick, given.minutes, given.file))
+        tables = as_tables(given.name, measured)
+    shown = (f"## {name}\n\n{as_markdown(each)}\n" for name, each in tables.items())
+    Console(width=160).print(Markdown("\n".join(shown)))
     if given.write:
+        result = measured_now(given.name, f"make bench ARGS={given.name}", tables)
         write(result)
         import_module("bench.pictures").draw(result)  # matplotlib takes a second
         _render(writes=True)
     missed = list(unmet(tables))
-    for line in missed:
-        print(line, file=sys.stderr)
+    print(*missed, sep="\n", end="\n" if missed else "", file=sys.stderr)
     return 1 if missed else 0
 
 
@@ -72,8 +68,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a few cases; nothing is stored")
     parser.add_argument("--minutes", type=float, help="duration of recorder, sensor-soak, demos")
     parser.add_argument("--file", type=Path, help="payload: recording to leave poses out of")
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--render", action="store_true", help="write pages from stored results")
     parser.add_argument("--check", action="store_true", help="name the pages that differ")
     given = parser.parse_args()

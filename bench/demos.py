@@ -14,22 +14,16 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
-from math import inf
 
-from bench.chain.cell import PRESSING, press, why_held
+from bench.chain.cell import OF_PROCESSES, PRESSING, own_demo, press, running, why_held
 from bench.chain.load import busy_loops
-from bench.harness import Options
-from bench.results import ROOT, Row, Table, table
-from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
+from bench.harness import Options, Tables, worst
+from bench.results import ROOT, Row
 from forcemesh import topics
-from forcemesh.messages import Health
 from launch.processes import Supervisor
-from tests.chaos.common_net import free_port
 
-DEMO = ROOT / "cells" / "demo.yaml"
 RUNS = 20  # of each case
 BUSY_LOOPS, BUILDS = 4, 2
 WITHIN_S = 180.0  # of one demo: a hold or its own timeouts end it before
@@ -37,74 +31,25 @@ READY_S = 60.0
 LONG_MINUTES = 10.0
 OBSERVE_S = 0.25  # a fourth of the time for which a late step stays in the health
 RATES = {"rates.sensor_hz": 500, "rates.control_hz": 250, "rates.robot_hz": 250}
-# The simulated robot's process is the sensor as well.
-OF_PROCESSES = tuple(role for role in topics.ROLES if role != "sensor")
-COLUMNS = {
-    "other_work_and_priority": "", "runs": "d", "settled": "d", "held": "d",
-    "largest_overshoot_pct": ".1f", "longest_settling_ms": ".0f",
-}  # fmt: skip
-PRESSED = {
-    "other_work_and_priority": "", "minutes": "g", "longest_gap_between_steps_ms": ".0f",
-    "late_loop": "", "held": "", "met": "",
-}  # fmt: skip
 ROOTS_OWN = ("setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice")
 A_USERS = ("prlimit", "--rtprio=0")
 
 
-@dataclass(frozen=True, slots=True)
-class DemoCase:
-    """Whether there is other work at the same time, and the priority of the demo."""
-
-    busy: bool = False
-    realtime: bool = True
-
-    def __str__(self) -> str:
-        """Return the case in words."""
-        busy = f"{BUSY_LOOPS} busy loops, {BUILDS} builds, another cell, not armed"
-        priority = "SCHED_FIFO" if self.realtime else "ordinary priority"
-        return f"{busy if self.busy else 'nothing'}; {priority}"
+EVERYTHING = f"{BUSY_LOOPS} busy loops, {BUILDS} builds, another cell, not armed; SCHED_FIFO"
+CASES = {  # whether there is other work, and the right to priority
+    "nothing; SCHED_FIFO": (False, True),
+    EVERYTHING: (True, True),
+    EVERYTHING.replace("SCHED_FIFO", "ordinary priority"): (True, False),
+}
 
 
-CASES = [DemoCase(), DemoCase(busy=True), DemoCase(busy=True, realtime=False)]
-
-
-@dataclass(slots=True)
-class DemoResults:
-    """Results of the runs of a case."""
-
-    settled: int = 0
-    overshoot_pct: list[float] = field(default_factory=list)  # of those that settled
-    settling_s: list[float] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)  # why the others ended
-
-    def add(self, printed: str) -> None:
-        """Add the output of a demo; one without JSON is a failure with its last line."""
-        try:
-            found = json.loads(printed)
-        except ValueError:
-            self.failures.append((printed.strip().splitlines() or ["no output"])[-1])
-            return
-        if not found["settled"]:
-            self.failures.append(found.get("error", "the force did not settle"))
-            return
-        self.settled += 1
-        self.overshoot_pct.append(found["overshoot_pct"])
-        self.settling_s.append(found["settling_s"])
-
-
-@dataclass(slots=True)
-class LongPress:
-    """What a long press has shown."""
-
-    longest_gap_s: float = 0.0  # between two steps of any loop but the hub's
-    late: str = ""  # the first loop that was late
-
-    def note(self, role: str, health: Health) -> None:
-        """Note the longest gap of a loop, and the first overrun."""
-        if role != "hub":
-            self.longest_gap_s = max(self.longest_gap_s, health.longest_gap_s)
-        if health.overruns and not self.late:
-            self.late = f"{role} was late: {health.late_cause}"
+def outcome(printed: str) -> Row | str:
+    """Return the result of a demo that settled, or why it did not: without JSON its last line."""
+    try:
+        found: Row = json.loads(printed)
+    except ValueError:
+        return (printed.strip().splitlines() or ["no output"])[-1]
+    return found if found["settled"] else found.get("error", "the force did not settle")
 
 
 @contextmanager
@@ -120,89 +65,87 @@ def building() -> Iterator[None]:
             command = [*arguments, str(ROOT / package)]
             subprocess.run(command, check=True, start_new_session=True)
 
-    with tempfile.TemporaryDirectory() as folder:
-        threads = [threading.Thread(target=build, args=(folder,)) for _ in range(BUILDS)]
-        for thread in threads:
-            thread.start()
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(BUILDS) as pool:
+        builds = [pool.submit(build, folder) for _ in range(BUILDS)]
         try:
             yield
         finally:
             stop.set()
-            for thread in threads:
-                thread.join()
+    for each in builds:
+        each.result()
 
 
 @contextmanager
 def other_work() -> Iterator[None]:
     """Run loops that never wait, builds and another cell during the block."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    other = load_cell(DEMO, {"cell": "other", "bus.endpoint": endpoint})
-    with Supervisor(other) as supervisor:
+    with Supervisor(own_demo("other")) as supervisor:
         supervisor.wait_ready(READY_S)
         with busy_loops(BUSY_LOOPS), building():
             yield
 
 
-def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
-    """Run the demo in a case, again and again."""
+def play(runs: int, *, busy: bool, realtime: bool) -> list[Row | str]:
+    """Run the demo again and again; return the outcomes."""
     words = [sys.executable, "-m", "cli", "demo", "--law", "adaptive", "--json", "--no-panel"]
-    if not case.realtime:
+    if not realtime:
         words = [*(ROOTS_OWN if os.geteuid() == 0 else A_USERS), *words]
-    found = DemoResults()
-    busy = other_work() if case.busy else nullcontext()
-    with tempfile.TemporaryDirectory() as out, busy:
+    found = []
+    with tempfile.TemporaryDirectory() as out, other_work() if busy else nullcontext():
         for _ in range(runs):
             done = subprocess.run(
                 [*words, "--out", out],
                 capture_output=True, text=True, check=False, cwd=ROOT, timeout=WITHIN_S,
             )  # fmt: skip
-            found.add(done.stdout or done.stderr)
+            found.append(outcome(done.stdout or done.stderr))
     return found
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Run every case, and press during everything else at once."""
     runs = 2 if options.quick else RUNS
     rows = [row(case, runs) for case in CASES]
     press_s = 60.0 * (options.minutes or LONG_MINUTES)
-    return {"cases": table(COLUMNS, rows), "long-press": table(PRESSED, [pressed(press_s)])}
+    return {"cases": rows, "long-press": [pressed(press_s)]}
 
 
-def row(case: DemoCase, runs: int) -> Row:
+def row(case: str, runs: int) -> Row:
     """Run a case; print it, and why a run did not settle."""
-    results = play(case, runs)
+    busy, realtime = CASES[case]
+    outcomes = play(runs, busy=busy, realtime=realtime)
+    settled = [each for each in outcomes if isinstance(each, dict)]
+    failures = [each for each in outcomes if isinstance(each, str)]
     found: Row = {
-        "other_work_and_priority": str(case),
+        "other_work_and_priority": case,
         "runs": runs,
-        "settled": results.settled,
-        "held": len(results.failures),
-        "largest_overshoot_pct": max(results.overshoot_pct, default=None),
-        "longest_settling_ms": 1e3 * max(results.settling_s, default=inf),
+        "settled": len(settled),
+        "held": len(failures),
+        "largest_overshoot_pct": worst(each["overshoot_pct"] for each in settled),
+        "longest_settling_ms": 1e3 * worst(each["settling_s"] for each in settled),
     }
-    sys.stderr.write("".join(f"{line}\n" for line in (str(found), *results.failures)))
+    sys.stderr.write("".join(f"{line}\n" for line in (str(found), *failures)))
     return found
 
 
 def pressed(duration_s: float) -> Row:
     """Press during everything else at once; return what happened."""
-    changes = {"cell": "bench-demos", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **RATES}
-    cell, found = load_cell(DEMO, changes), LongPress()
-    with other_work(), Supervisor(cell) as supervisor:
-        supervisor.wait_ready(WITHIN_S)
-        with ConfiguredCell(cell, commander="operator") as client:
-            client.wait_ready(WITHIN_S)
-            press(client, "adaptive")
-            end_s = time.monotonic() + duration_s
-            while time.monotonic() < end_s and not why_held(client, (PRESSING,)):
-                time.sleep(OBSERVE_S)
-                for role in OF_PROCESSES:
-                    found.note(role, client.feed(topics.HEALTH[role])())
-            held = why_held(client, (PRESSING,))
+    longest_gap_s, late = 0.0, ""
+    with other_work(), running(own_demo("bench-demos", RATES)) as client:
+        press(client, "adaptive")
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s and not why_held(client, (PRESSING,)):
+            time.sleep(OBSERVE_S)
+            for role in OF_PROCESSES:
+                health = client.feed(topics.HEALTH[role])()
+                if role != "hub":
+                    longest_gap_s = max(longest_gap_s, health.longest_gap_s)
+                if health.overruns and not late:
+                    late = f"{role} was late: {health.late_cause}"
+        held = why_held(client, (PRESSING,))
     return {
-        "other_work_and_priority": str(DemoCase(busy=True)),
+        "other_work_and_priority": EVERYTHING,
         "minutes": duration_s / 60.0,
-        "longest_gap_between_steps_ms": 1e3 * found.longest_gap_s,
-        "late_loop": found.late,
+        "longest_gap_between_steps_ms": 1e3 * longest_gap_s,
+        "late_loop": late,
         "held": held,
-        "met": not (held or found.late),
+        "met": not (held or late),
     }

@@ -5,26 +5,25 @@ is that of the design, to the millisecond, independent of the machine. `python -
 the same to real processes.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from math import inf
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from bench.harness import CaseTable, Options
-from bench.results import ROOT, Row, Table, table
+from bench.harness import CaseTable, Options, Tables, grouped, largest
+from bench.results import ROOT, Row
 from cli.demo.scenario import ScenarioError
+from common.bus.configured_cell import ConfiguredCell
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
 from forcemesh import topics
-from forcemesh.codec import decode
-from forcemesh.messages import Host, RobotCommand, RobotState, Speed
-from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
+from forcemesh.messages import Host, Speed
+from forcemesh.requests import ArmRequest, MoveRequest
 from forcemesh.topics import ROLES, Qos
 from launch.virtual_cell import VirtualCell
 
@@ -38,10 +37,8 @@ APPROACH_N_S = 140.0  # rise of the force at first contact, as in the demo's cel
 SOFT_N_M = 2000.0  # so that pressing takes centimetres
 
 Robot = Literal["sim", "tcp"]
-FaultKind = Literal["kill", "freeze", "cut"]
-Motion = Literal["approach", "press", "retreat", "move"]
-ROBOTS: tuple[Robot, ...] = get_args(Robot)
-MOTIONS: tuple[Motion, ...] = get_args(Motion)
+MOVING = ("goal", "setpoint", "feedback")  # kinds of commands
+MOTIONS = ("approach", "press", "retreat", "move")
 LINKS = (
     topics.ROBOT_STATE.key,
     topics.SENSOR_WRENCH.key,
@@ -51,72 +48,36 @@ LINKS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One fault: a role that is killed or frozen, or a key of the bus that is cut."""
-
-    robot: Robot
-    how: FaultKind
-    what: str
-    motion: Motion
-
-
 class CutTransport(MemoryTransport):
-    """Bus whose keys can be cut; the robot's messages are recorded before the cut."""
+    """Bus whose keys can be cut."""
 
     def __init__(self) -> None:
-        """Start without a cut."""
         super().__init__()
         self.cut: set[str] = set()
-        self.robot: RobotState | None = None
-        self.kinds: dict[tuple[int, int], str] = {}
 
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
         """Return the function that puts bytes on a key, unless it is cut."""
         put, name = super().publish(key, qos), key.partition("/")[2]
 
         def put_unless_cut(data: bytes) -> None:
-            self._overhear(name, data)
             if name not in self.cut:
                 put(data)
 
         return put_unless_cut
 
-    def _overhear(self, name: str, data: bytes) -> None:
-        if name == topics.ROBOT_STATE.key:
-            self.robot = decode(data, RobotState)[1]
-        elif name == topics.ROBOT_COMMAND.key:
-            header, command = decode(data, RobotCommand)
-            kind = "hold" if command.permission is None else command.kind
-            self.kinds[header.epoch, header.seq] = kind
-
 
 class FaultCell:
     """Virtual cell with fault injection, and the true motion of its flange."""
 
-    def __init__(self, robot: Robot, **changes: float) -> None:
-        """Start it, with a plate of `stiffness_N_m` at `gap_m`, tare and arm."""
+    def __init__(self, robot: Robot) -> None:
         self.bus = CutTransport()
-        self.world = VirtualCell(cell_for(robot, **changes), self.bus)
+        self.world, self.client = armed_cell(cell_for(robot, SOFT_N_M), self.bus)
         self.host: Host = "pc" if robot == "sim" else "controller"
         self.p_m: list[Array] = []
-        self.last_ns = 0
-        self.world.advance(1.6)
-        self.ask(topics.TARE, Empty())
-        self.ask(topics.SPEED, Speed(mechanical_m_s=LIFT_M_S))
-        self.ask(topics.ARM, Empty())
+        self.last_ns = 0  # of the last motion command that the robot has accepted
+        self._robot: Any = self.world.runners["robot"].service
+        self.client.state.reading()  # subscribes: the newest message is there when it is read
         self.live(0.1)
-
-    @property
-    def now_ns(self) -> int:
-        """The virtual time."""
-        return self.world.clock.now_ns()
-
-    def ask(self, request: topics.Request[Any], message: Any) -> None:
-        """Send a request as a client. Raises ScenarioError when it is refused."""
-        answer = self.world.client.ask(request, message)
-        if not answer.accepted:
-            raise ScenarioError(f"{request.key}: {answer.text}")
 
     def live(self, duration_s: float) -> None:
         """Advance time; record the flange and the accepted commands each millisecond."""
@@ -124,11 +85,9 @@ class FaultCell:
 
     def _record(self) -> bool:
         self.p_m.append(np.array(self.world.arm.T_base_flange.translation))
-        accepted = None if self.bus.robot is None else self.bus.robot.accepted
-        if accepted is not None:
-            kind = self.bus.kinds.get((accepted.epoch, accepted.seq), "idle")
-            if kind in ("goal", "setpoint", "feedback"):
-                self.last_ns = accepted.at_ns
+        command, _, accepted, _ = self._robot.verdict
+        if command is not None and command.permission is not None and command.kind in MOVING:
+            self.last_ns = accepted.at_ns
         return False
 
     def speeds_m_s(self) -> Array:
@@ -137,17 +96,15 @@ class FaultCell:
         travel_m: Array = np.linalg.norm(p_m[WINDOW:] - p_m[:-WINDOW], axis=1)
         return travel_m / (WINDOW * 1e-3)
 
-    def begin(self, motion: Motion) -> None:
+    def begin(self, motion: str) -> None:
         """Start a motion and wait until it is in progress."""
         if motion == "move":
-            if self.bus.robot is None:
-                raise ScenarioError("no robot/state received")
-            T = pose_of(self.bus.robot)
+            T = pose_of(self.client.state())
             T.translation = T.translation + np.array([0.0, 0.0, LIFT_M])
-            self.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T)))
+            self.client.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T)))
             self.live(0.3)
             return
-        self.feedback(PRESS_N, "pc")
+        self.client.force.start(PRESS_N)
         if motion == "approach":
             self.live(0.3)
             return
@@ -155,14 +112,9 @@ class FaultCell:
         self._until(lambda: arm.true_wrench().force_N[2] > 0.2 * PRESS_N, 0.05, "no contact")
         if motion == "retreat":
             self.live(3.0)
-            self.feedback(RELEASE_N, self.host)
+            self.client.force.start(RELEASE_N, host=self.host)
             fast_m_s = 2.0 * MOVING_M_S
             self._until(lambda: self.speeds_m_s()[-1] > fast_m_s, 0.01, "the arm does not retreat")
-
-    def feedback(self, setpoint_N: float, host: Host) -> None:
-        """Start force feedback along the tool."""
-        start = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
-        self.ask(topics.FORCE_START, start)
 
     def _until(self, condition: Callable[[], bool], step_s: float, failure: str) -> None:
         for _ in range(200):
@@ -171,97 +123,90 @@ class FaultCell:
                 return
         raise ScenarioError(failure)
 
-    def strike(self, case: Case) -> None:
-        """Inject the fault, and undo it if it ends: all traffic goes through the hub."""
-        links = set(LINKS) if case.what == "hub" else {case.what}
-        self.bus.cut |= links if case.what == "hub" or case.how == "cut" else set()
-        frozen = None if case.how == "cut" else self.world.runners.pop(case.what)
+    def strike(self, how: str, what: str) -> None:
+        """Kill or freeze a role, or cut a key; undo it if it ends: all goes through the hub."""
+        self.bus.cut |= set(LINKS) if what == "hub" else {what} if how == "cut" else set()
+        frozen = None if how == "cut" else self.world.runners.pop(what)
         self.live(FROZEN_S)
-        if case.how != "kill":
+        if how != "kill":
             self.bus.cut.clear()
-        if case.how == "freeze" and frozen is not None:
-            self.world.runners[case.what] = frozen
+        if how == "freeze" and frozen is not None:
+            self.world.runners[what] = frozen
         self.live(WATCH_S)
 
 
+def armed_cell(
+    cell: CellConfig, transport: MemoryTransport | None = None
+) -> tuple[VirtualCell, ConfiguredCell]:
+    """Return a virtual cell that is tared and armed, and its client."""
+    world = VirtualCell(cell, transport)
+    client = ConfiguredCell(cell, commander="operator", bus=world.client)
+    world.advance(1.6)
+    client.tare()
+    client.ask(topics.SPEED, Speed(mechanical_m_s=LIFT_M_S))
+    client.ask(topics.ARM, ArmRequest())
+    return world, client
+
+
 def cell_for(
-    robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | None = None
+    robot: Robot, stiffness_N_m: float, changes: Mapping[str, object] | None = None
 ) -> CellConfig:
-    """Return a demo cell at 125 Hz, with the default deadlines of a lab PC."""
+    """Return a demo cell at 125 Hz with the default deadlines of a lab PC, and other changes."""
     name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
     robot_hz = HZ if robot == "sim" else 40
-    return load_cell(
-        CELLS / name,
-        {
-            "rates": {"robot_hz": robot_hz, "sensor_hz": 2 * HZ, "control_hz": HZ},
-            "deadlines": {},
-            "sim.stiffness_N_m": stiffness_N_m,
-            "contact.stiffness_N_m": stiffness_N_m,
-            "force.approach_m_s": min(0.01, APPROACH_N_S / stiffness_N_m),
-            **({} if gap_m is None else {"sim.gap_m": gap_m}),
-        },
-    )
+    usual = {
+        "rates": {"robot_hz": robot_hz, "sensor_hz": 2 * HZ, "control_hz": HZ},
+        "deadlines": {},
+        "sim.stiffness_N_m": stiffness_N_m,
+        "contact.stiffness_N_m": stiffness_N_m,
+        "force.approach_m_s": min(0.01, APPROACH_N_S / stiffness_N_m),
+    }
+    return load_cell(CELLS / name, {**usual, **(changes or {})})
 
 
-def cases() -> Iterator[Case]:
-    """Yield every fault that does not end the arm itself."""
-    for robot, motion in product(ROBOTS, MOTIONS):
+def cases() -> Iterator[Row]:
+    """Yield every fault that does not end the arm itself, in every motion."""
+    for robot, motion in product(get_args(Robot), MOTIONS):
         kept = {"robot", "sensor"} if robot == "sim" else {"sensor"}
-        for role in (role for role in ROLES if role not in kept):
-            yield Case(robot, "kill", role, motion)
-            yield Case(robot, "freeze", role, motion)
-        for link in LINKS:
-            yield Case(robot, "cut", link, motion)
+        roles = [role for role in ROLES if role not in kept]
+        faults = [*product(roles, ("kill", "freeze")), *product(LINKS, ("cut",))]
+        for what, how in faults:
+            yield {"robot": robot, "how": how, "what": what, "motion": motion}
 
 
-def row(case: Case) -> Row:
+def row(case: Row) -> Row:
     """Let a fault happen in motion, and watch the flange."""
-    world = FaultCell(case.robot)
-    world.begin(case.motion)
-    speed_m_s, begun, fault_ns = float(world.speeds_m_s()[-1]), len(world.p_m), world.now_ns
-    world.strike(case)
-    speeds = world.speeds_m_s()[begun - WINDOW :]
+    cell = FaultCell(case["robot"])
+    cell.begin(case["motion"])
+    speed_m_s, begun = float(cell.speeds_m_s()[-1]), len(cell.p_m)
+    fault_ns = cell.world.clock.now_ns()
+    cell.strike(case["how"], case["what"])
+    speeds = cell.speeds_m_s()[begun - WINDOW :]
     fast = np.flatnonzero(speeds >= STILL_M_S)
     still = int(fast[-1]) + 1 if len(fast) else 0
-    rest_m = np.array(world.p_m[begun + still :])
+    rest_m = np.array(cell.p_m[begun + still :])
     rests = still < len(speeds)
     return {
-        **asdict(case),
+        **case,
         "speed_m_s": speed_m_s,
-        "last_motion_ms": max(0, world.last_ns - fault_ns) / 1e6,
+        "last_motion_ms": max(0, cell.last_ns - fault_ns) / 1e6,
         "at_rest_ms": still if rests else inf,
         "moved_after_mm": 1e3 * np.linalg.norm(rest_m - rest_m[0], axis=1).max() if rests else inf,
     }
 
 
-ROWS = CaseTable(
-    {
-        "robot": "", "how": "", "what": "", "motion": "", "speed_m_s": ".3f",
-        "last_motion_ms": ".0f", "at_rest_ms": ".0f", "moved_after_mm": ".2f",
-    },
-    [*cases()],
-    row,
-)  # fmt: skip
-WORST = {
-    "robot": "", "how": "", "what": "", "trials": "d",
-    "last_motion_ms": ".0f", "at_rest_ms": ".0f", "moved_after_mm": ".2f",
-}  # fmt: skip
+ROWS = CaseTable([*cases()], row)
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Return every fault, and the worst of each over the motions in which the flange moved."""
     rows = ROWS.measured(options)
-    return {"rows": ROWS.stored(rows), "worst": table(WORST, worst_rows(rows))}
+    return {"rows": rows, "worst": worst_rows(rows)}
 
 
 def worst_rows(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the worst of each robot, fault and role or key."""
-    names, measures = list(WORST)[:3], list(WORST)[4:]
     moving = [each for each in rows if each["speed_m_s"] > MOVING_M_S]
-    for place in dict.fromkeys(tuple(each[name] for name in names) for each in moving):
-        ours = [each for each in moving if tuple(each[name] for name in names) == place]
-        yield {
-            **dict(zip(names, place, strict=True)),
-            "trials": len(ours),
-            **{name: max(each[name] for each in ours) for name in measures},
-        }
+    for place, ours in grouped(moving, "robot", "how", "what"):
+        measures = largest(ours, ("last_motion_ms", "at_rest_ms", "moved_after_mm"))
+        yield {**place, "trials": len(ours), **measures}

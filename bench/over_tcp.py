@@ -5,23 +5,18 @@ for less than the least segment; `pessimistic` selects the worse interpretation 
 question, among them an acceleration by time. All on the virtual clock, in lock step.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from itertools import product
 from math import ceil, inf
 from statistics import median
 from typing import get_args
 
-from bench.harness import CaseTable, Options, worst
-from bench.results import ROOT, Row, Table, table
-from bench.settling import MEASURES, MODES, settled
-from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
-from cli.demo.measures import measure as measures_of
-from cli.demo.scenario import ScenarioError, ScenarioPlan, play_virtual
-from common.config.cell import CellConfig
+from bench.harness import CaseTable, Options, Tables, grouped, worst
+from bench.results import ROOT, Row
+from bench.settling import MODES, released
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell
+from cli.demo.scenario import ScenarioPlan
 from forcemesh.messages import Host, Mode
-from tuning.gain_rule import tune
 
 HOSTS: tuple[Host, ...] = get_args(Host)
 CONTROLLERS = (  # least segment [ms], motions ahead
@@ -31,87 +26,48 @@ STIFFNESSES_N_M = (5e3, 2e4, 3e4, 1e5)
 OVERSHOOT_MOST_PCT = 10.0  # of a contact that a controller bears
 STAYS_S = 5.0  # longer than the window in which the gateway counts
 CELL = ROOT / "cells" / "demo-tcp.yaml"
-
-ROW = {
-    "host": "", "mode": "", "stiffness_N_m": "g", "least_segment_ms": "g", "motions_ahead": "d",
-    "controller": "", "outcome": "", **MEASURES, "loop_hz": ".0f", "sender_hz": ".0f",
-}  # fmt: skip
-BEARS = {
-    "least_segment_ms": "g", "stiffest_contact_N_m": "g", "overshoot_up_to_it_pct": ".1f",
-    "approach_mm_s": ".2f", "force_rises_by_N_s": "d",
-}  # fmt: skip
-SUMMARY = {
-    "host": "", "mode": "", "rows": "d", "settled": "d", "median_settling_tau": ".1f",
-    "longest_settling_tau": ".1f", "largest_overshoot_pct": ".1f",
-}  # fmt: skip
-FAILED = {
-    "stiffness_N_m": "g", "least_segment_ms": "g", "controller": "", "outcome": "", "rows": "d",
-}  # fmt: skip
+PLACE = ("stiffness_N_m", "least_segment_ms", "controller", "outcome")
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One release."""
-
-    host: Host
-    mode: Mode
-    stiffness_N_m: float
-    least_segment_ms: float
-    motions_ahead: int
-    controller: str  # default or pessimistic
-
-
-def row(case: Case) -> Row:
+def row(case: Row) -> Row:
     """Release with the documented gain rule."""
+    mode: Mode = case["mode"]
     trial = DemoOverrides(
-        tilt_deg=DEFAULT_TILT_DEG[case.mode],
-        stiffness_N_m=case.stiffness_N_m,
-        least_segment_s=case.least_segment_ms / 1e3,
-        motions_ahead=case.motions_ahead,
-        pessimistic=case.controller == "pessimistic",
+        tilt_deg=DEFAULT_TILT_DEG[mode],
+        stiffness_N_m=case["stiffness_N_m"],
+        least_segment_s=case["least_segment_ms"] / 1e3,
+        motions_ahead=case["motions_ahead"],
+        pessimistic=case["controller"] == "pessimistic",
     )
-    cell = demo_cell(CELL, trial)
-    plan = ScenarioPlan(
-        mode=case.mode,
-        host=case.host,
-        setpoint_N=DEFAULT_SETPOINT_N[case.mode],
-        settled_for_s=STAYS_S,
-    )
-    return {**asdict(case), "approach_m_s": cell.force.approach_m_s, **released(cell, plan)}
+    cell, setpoint_N = demo_cell(CELL, trial), DEFAULT_SETPOINT_N[mode]
+    plan = ScenarioPlan(mode, case["host"], setpoint_N=setpoint_N, settled_for_s=STAYS_S)
+    return {**case, "approach_m_s": cell.force.approach_m_s, **released(cell, plan)}
 
 
-def released(cell: CellConfig, plan: ScenarioPlan) -> Row:
-    """Run in lock step, the same on every machine to the last digit; return the measures."""
-    try:
-        trace = play_virtual(cell, plan, lambda *_: None)
-    except ScenarioError as error:
-        return {"outcome": f"stopped: {error}"}
-    result = measures_of(trace, plan, surface_of(cell), tune(cell).tau_s)
-    return {
-        **settled(result),
-        "outcome": "not settled" if result.settling_s is None else "settled",
-        "loop_hz": result.robot_numbers.get("program_loop_hz"),
-        "sender_hz": result.robot_numbers.get("sender_hz"),
+CASES: list[Row] = [
+    {
+        "host": host,
+        "mode": mode,
+        "stiffness_N_m": stiffness_N_m,
+        "least_segment_ms": least_ms,
+        "motions_ahead": ahead,
+        "controller": controller,
     }
-
-
-CASES = [
-    Case(host, mode, stiffness_N_m, *segments, controller)
-    for controller, segments, host, mode, stiffness_N_m in product(
+    for controller, (least_ms, ahead), host, mode, stiffness_N_m in product(
         ("default", "pessimistic"), CONTROLLERS, HOSTS, MODES, STIFFNESSES_N_M
     )
 ]
-ROWS = CaseTable(ROW, CASES, row)
+ROWS = CaseTable(CASES, row)
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Return every row, what a slow loop bears, and the worst."""
     rows = ROWS.measured(options)
     return {
-        "bears": table(BEARS, bears(rows)),
-        "summary": table(SUMMARY, summary(rows)),
-        "failed": table(FAILED, failed(rows)),
-        "rows": ROWS.stored(rows),
+        "bears": bears(rows),
+        "summary": summary(rows),
+        "failed": failed(rows),
+        "rows": rows,
     }
 
 
@@ -122,12 +78,12 @@ def is_borne(each: Row) -> bool:
 
 def bears(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the stiffest contact, up to which every row is borne, by least segment."""
-    for least_ms in sorted({each["least_segment_ms"] for each in rows}):
-        ours = [each for each in rows if each["least_segment_ms"] == least_ms]
+    by_segment = sorted(rows, key=lambda each: float(each["least_segment_ms"]))
+    for segment, ours in grouped(by_segment, "least_segment_ms"):
         failed_N_m = {each["stiffness_N_m"] for each in ours if not is_borne(each)}
         borne_N_m = [k for k in STIFFNESSES_N_M if k < min(failed_N_m, default=inf)]
         if not borne_N_m:
-            yield {"least_segment_ms": least_ms}
+            yield segment
             continue
         k = max(borne_N_m)
         approach_m_s = min(
@@ -136,7 +92,7 @@ def bears(rows: Sequence[Row]) -> Iterator[Row]:
             if each["stiffness_N_m"] == k and each["controller"] == "default"
         )
         yield {
-            "least_segment_ms": least_ms,
+            **segment,
             "stiffest_contact_N_m": k,
             "overshoot_up_to_it_pct": worst(
                 each["overshoot_pct"] for each in ours if each["stiffness_N_m"] <= k
@@ -148,25 +104,21 @@ def bears(rows: Sequence[Row]) -> Iterator[Row]:
 
 def summary(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the median and the worst of the rows of a host and mode that settled."""
-    for host, mode in product(HOSTS, MODES):
-        ours = [each for each in rows if (each["host"], each["mode"]) == (host, mode)]
+    for place, ours in grouped(rows, "host", "mode"):
         good = [each for each in ours if each["outcome"] == "settled"]
         yield {
-            "host": host,
-            "mode": mode,
+            **place,
             "rows": len(ours),
             "settled": len(good),
             "median_settling_tau": median(each["settling_tau"] for each in good),
-            "longest_settling_tau": max(each["settling_tau"] for each in good),
-            "largest_overshoot_pct": max(each["overshoot_pct"] for each in good),
+            "longest_settling_tau": worst(each["settling_tau"] for each in good),
+            "largest_overshoot_pct": worst(each["overshoot_pct"] for each in good),
         }
 
 
 def failed(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield how many rows did not settle, or overshot by too much, and where."""
-    names = [name for name in FAILED if name != "rows"]
     bad = [{**r, "outcome": r["outcome"].rpartition(":")[0] or r["outcome"]}
            for r in rows if not is_borne(r)]  # fmt: skip
-    places = Counter(tuple(each[name] for name in names) for each in bad)
-    for place, count in places.items():
-        yield {**dict(zip(names, place, strict=True)), "rows": count}
+    for place, ours in grouped(bad, *PLACE):
+        yield {**place, "rows": len(ours)}

@@ -13,42 +13,31 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bench.chain.load import Load, measured
-from bench.harness import Options
-from bench.results import ROOT, Row, Table, table
+from bench.chain.cell import own_demo, running
+from bench.chain.load import measured
+from bench.harness import Options, Tables
+from bench.results import Row
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import dump_cell, load_cell
+from common.config.load import dump_cell
 from forcemesh import topics
 from forcemesh.requests import Empty, RecordRequest
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from launch.processes import Supervisor
 from launch.started_process import ChildProcess, ProcessSpec, write_stderr_line
 from services.recorder.reading import RecordedFile
 from services.recorder.stamps import SequenceGaps
-from tests.chaos.common_net import free_port
 
 PRESS_N = 15.0
 MINUTES, IDLE_S, WARM_UP_S, WITHIN_S = 10.0, 20.0, 2.0, 60.0
 KILLS, KILL_AFTER_S = 5, (2.0, 4.0)
 MOST_CPU_PCT, MOST_MISSING_S = 3.0, 1.0
-COLUMNS = {"quantity": "", "measured": ".4g", "unit": "", "limit": "", "met": ""}
 
 
 class RecorderRig:
-    """A pressing cell, and its recorder as a separate process."""
+    """A cell that is up, and its recorder as a separate process."""
 
-    def __init__(self, folder: Path, exits: ExitStack) -> None:
-        """Start both."""
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        settings = {"cell": "bench", "bus.endpoint": endpoint, "recorder.folder": str(folder)}
-        self.cell = load_cell(ROOT / "cells" / "demo.yaml", settings)
-        self.folder, self._file = folder, folder / "cell.yaml"
-        self._file.write_text(dump_cell(self.cell), encoding="utf-8")
-        exits.enter_context(Supervisor(self.cell, self._file)).wait_ready(WITHIN_S)
-        self.client = exits.enter_context(
-            ConfiguredCell(self.cell, commander="operator", patience_s=5.0)
-        )
-        self._exits = exits
+    def __init__(self, client: ConfiguredCell, file: Path, exits: ExitStack) -> None:
+        self.client, self.folder = client, file.parent
+        self._file, self._exits = file, exits
         self.recorder = self.start()
 
     def start(self) -> ChildProcess:
@@ -70,10 +59,8 @@ class RecorderRig:
 
     def cpu_pct(self, duration_s: float) -> float:
         """Return the processor load of the recorder over a duration [%]."""
-        load: dict[str, Load] = {}
-        with measured({"recorder": self.recorder.pid}, load):
-            time.sleep(duration_s)
-        return load["recorder"].cpu_pct
+        pids = {"recorder": self.recorder.pid}
+        return measured(pids, lambda: time.sleep(duration_s))["recorder"].cpu_pct
 
 
 @contextmanager
@@ -81,13 +68,14 @@ def started() -> Iterator[RecorderRig]:
     """A cell and a recorder in a temporary folder."""
     os.environ.pop(ENDPOINT_VARIABLE, None)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
-        yield RecorderRig(Path(folder), exits)
+        cell, file = own_demo("bench", {"recorder.folder": folder}), Path(folder, "cell.yaml")
+        file.write_text(dump_cell(cell), encoding="utf-8")
+        yield RecorderRig(exits.enter_context(running(cell, file)), file, exits)
 
 
 def recorded(minutes: float) -> Iterator[Row]:
     """Record a working cell for a duration, and count the messages in the files."""
     with started() as here:
-        here.client.wait_ready(WITHIN_S)
         here.client.arm(within_s=WITHIN_S)
         here.client.force.press(PRESS_N, within_s=WITHIN_S)
         idle_pct = here.cpu_pct(IDLE_S)
@@ -145,12 +133,12 @@ def missing_s() -> Iterator[float]:
             yield (killed_ns - max(stamps_ns, default=began_ns)) / 1e9
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Record for ten minutes, then kill recorders."""
     rows = [*recorded(options.minutes or MINUTES)]
     longest_s = max(missing_s())
     text, is_short = f"missing after kill -9, {KILLS} times", longest_s < MOST_MISSING_S
-    return {"recorder": table(COLUMNS, [*rows, _row(text, longest_s, "s", "< 1", met=is_short)])}
+    return {"recorder": [*rows, _row(text, longest_s, "s", "< 1", met=is_short)]}
 
 
 def _row(

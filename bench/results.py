@@ -1,7 +1,7 @@
 """Results of the benches: tables of numbers in docs/results/<name>.json, with their stamp.
 
-The name of a column ends with its unit. Its format is that of the numbers, which are stored as
-they are printed: a row that is measured again can be compared with the stored one.
+The stored result states the columns of each table, which end with their units, and their formats.
+Numbers are stored as they are printed: a row that is measured again can be compared with it.
 """
 
 import json
@@ -11,6 +11,7 @@ import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -47,11 +48,35 @@ class Result:
     tables: Mapping[str, Table]
 
 
-def table(columns: Mapping[str, str], rows: Iterable[Row]) -> Table:
-    """Return a table of these columns; a row without a value has none there."""
+def as_tables(
+    name: str, measured: Mapping[str, Iterable[Row]], folder: Path = RESULTS
+) -> dict[str, Table]:
+    """Return the rows of a run as tables, with the columns and formats of the stored result.
+
+    A table that is not stored yet has every value, as it is: write formats into the file, and the
+    next run keeps them.
+    """
+    known = read(name, folder).tables if (folder / f"{name}.json").exists() else {}
+    tables = {}
+    for key, each in measured.items():
+        rows = list(each)
+        names = dict.fromkeys(chain(*rows), "")
+        columns = dict(known[key].columns if key in known else names)
+        if "met" in names:  # a requirement is never left out
+            columns.setdefault("met", "")
+        tables[key] = table(columns, rows)
+    return tables
+
+
+def table(columns: Mapping[str, str], rows: Sequence[Row]) -> Table:
+    """Return rows as a table; a row without a value has none there, a column without any is left.
+
+    A row may have more values than there are columns.
+    """
+    names = set().union(*rows) if rows else set(columns)
+    shown = {name: form for name, form in columns.items() if name in names}
     return Table(
-        columns,
-        [[stored(row.get(name), form) for name, form in columns.items()] for row in rows],
+        shown, [[stored(row.get(name), form) for name, form in shown.items()] for row in rows]
     )
 
 

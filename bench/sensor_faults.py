@@ -9,20 +9,22 @@ from math import inf, isfinite
 
 import numpy as np
 
-from bench.faults import FaultCell
-from bench.harness import CaseTable, Options
-from bench.results import Row, Table, table
+from bench.faults import armed_cell, cell_for
+from bench.harness import CaseTable, Options, Tables, largest
+from bench.results import Row
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from identification.installation.axis_fit import SIGNED
+from launch.virtual_cell import VirtualCell
 from sim.robot.ft_sensor import FtSample, FtStatus
 
 Disturb = Callable[[FtSample], FtSample | None]
 
 STIFF_N_M = 20_000.0  # the demo's plate
 PRESSED_N, PRESS_S, WITHIN_S, SLIDE_S = 8.0, 1.5, 0.3, 6.0
-TOUCH_N = 0.5
+TOUCH_N, SETTLED_S = 0.5, 0.1
+GAP_M = 0.001
 
 
 def frozen() -> Disturb:
@@ -58,87 +60,92 @@ FAULTS: dict[str, Callable[[], Disturb]] = {
 }
 
 
-class TruthObserver:
-    """Observer of the true force and travel each millisecond until the arbiter holds."""
+def until_held(world: VirtualCell, timeout_s: float) -> Row:
+    """Let time pass until the permission is revoked, and a while more; return what happened.
 
-    def __init__(self, world: FaultCell) -> None:
-        """Observe a cell."""
-        self._world, self._arm = world.world, world.world.arm
-        self._arbiter = self._world.client.reader(topics.ARBITER_STATUS)
-        self._command = self._world.client.reader(topics.ROBOT_COMMAND)
-        self._touched_m: Array | None = None
-        self.peak_N = self.travel_m = 0.0
+    The time is infinite if it was not revoked; force and travel after the touch are true ones.
+    """
+    arbiter = world.client.reader(topics.ARBITER_STATUS)
+    command = world.client.reader(topics.ROBOT_COMMAND)
+    forces_N, places_m = list[float](), list[Array]()
 
-    def until_held(self, timeout_s: float) -> float:
-        """Return the time until the permission was revoked [s]; infinite if it was not."""
-        before_ns = self._world.clock.now_ns()
-        self._world.advance(timeout_s, self._held)
-        if not self._held():
-            return inf
-        took_s = (self._world.clock.now_ns() - before_ns) / NS_PER_S
-        self._world.advance(0.3, self._observe)
-        return took_s
-
-    def code(self) -> str:
-        """Return the causes that the arbiter reports."""
-        status = self._arbiter.read(self._world.clock.now_ns()).message
-        return ", ".join(dict.fromkeys(trip.code for trip in status.trips)) if status else ""
-
-    def _held(self) -> bool:
-        self._observe()
-        command = self._command.read(self._world.clock.now_ns()).message
-        return command is not None and command.permission is None
-
-    def _observe(self) -> bool:
-        force_N = float(np.linalg.norm(self._arm.true_wrench().force_N))
-        p_m = np.array(self._arm.T_base_tcp.translation)
-        self.peak_N = max(self.peak_N, force_N)
-        if self._touched_m is None and force_N > TOUCH_N:
-            self._touched_m = p_m
-        if self._touched_m is not None:
-            self.travel_m = max(self.travel_m, float(np.linalg.norm(p_m - self._touched_m)))
+    def observe() -> bool:
+        forces_N.append(true_force_N(world))
+        places_m.append(np.array(world.arm.T_base_tcp.translation))
         return False
+
+    def is_held() -> bool:
+        observe()
+        message = command.read(world.clock.now_ns()).message
+        return message is not None and message.permission is None
+
+    before_ns = world.clock.now_ns()
+    world.advance(timeout_s, is_held)
+    held_s = (world.clock.now_ns() - before_ns) / NS_PER_S if is_held() else inf
+    if isfinite(held_s):
+        world.advance(0.3, observe)
+    status = arbiter.read(world.clock.now_ns()).message
+    first = next((n for n, force_N in enumerate(forces_N) if force_N > TOUCH_N), -1)
+    touched = np.array(places_m[first:])
+    return {
+        "held_s": held_s,
+        "code": ", ".join(dict.fromkeys(trip.code for trip in status.trips)) if status else "",
+        "peak_N": max(forces_N),
+        "travel_mm": 1e3 * float(np.linalg.norm(touched - touched[0], axis=1).max()),
+    }
+
+
+def true_force_N(world: VirtualCell) -> float:
+    """Return the size of the force on the tool [N]."""
+    return float(np.linalg.norm(world.arm.true_wrench().force_N))
 
 
 def fault(name: str) -> Row:
     """Press, let the sensor fail, observe."""
-    world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
-    world.feedback(PRESSED_N, "pc")
-    world.live(PRESS_S)
-    observer = TruthObserver(world)
-    before_N = float(np.linalg.norm(world.world.arm.true_wrench().force_N))
-    world.world.arm.ft_sensor.disturb = FAULTS[name]()
-    held_s = observer.until_held(WITHIN_S)
+    world, client = armed_cell(cell_for("sim", STIFF_N_M, {"sim.gap_m": GAP_M}))
+    world.advance(SETTLED_S)
+    client.force.start(PRESSED_N)
+    world.advance(PRESS_S)
+    before_N = true_force_N(world)
+    world.arm.ft_sensor.disturb = FAULTS[name]()
+    found = until_held(world, WITHIN_S)
     return {
         "fault": name,
-        "held_after_ms": 1e3 * held_s,
-        "code": observer.code(),
-        "force_increase_N": observer.peak_N - before_N,
+        "held_after_ms": 1e3 * found["held_s"],
+        "code": found["code"],
+        "force_increase_N": found["peak_N"] - before_N,
     }
 
 
 def wiring(number: int) -> Row:
     """Tare, apply one of these wirings to the force axes, and press."""
-    world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
-    sensor, wired = world.world.arm.ft_sensor, SIGNED[number]
-    rest = world.world.arm.ft_sensor.sample()
-
-    def disturb(sample: FtSample) -> FtSample:
-        force_N = rest.force_N + wired @ (sample.force_N - rest.force_N)
-        return FtSample(force_N, sample.torque_Nm, sample.status, sample.counter)
-
-    sensor.disturb = disturb
-    observer = TruthObserver(world)
-    world.feedback(PRESSED_N, "pc")
-    held_s = observer.until_held(SLIDE_S)
+    world, client = armed_cell(cell_for("sim", STIFF_N_M, {"sim.gap_m": GAP_M}))
+    world.advance(SETTLED_S)
+    wired, both = SIGNED[number], np.eye(6)
+    both[:3, :3] = wired
+    world.arm.ft_sensor.disturb = tared_sensor(world, both)
+    client.force.start(PRESSED_N)
+    found = until_held(world, SLIDE_S)
     return {
         "wiring": name_of(wired),
         "press_is_visible": bool(wired[2, 2] == 1.0),
-        "held_after_ms": 1e3 * held_s,
-        "code": observer.code(),
-        "force_N": observer.peak_N,
-        "travel_mm": 1e3 * observer.travel_m,
+        "held_after_ms": 1e3 * found["held_s"],
+        "force_N": found["peak_N"],
+        **found,
     }
+
+
+def tared_sensor(world: VirtualCell, wiring: Array) -> Disturb:
+    """Return a sensor with the correct reading at rest whose changes pass through a wiring."""
+    rest = world.arm.ft_sensor.sample()
+    at_rest = np.concatenate((rest.force_N, rest.torque_Nm))
+
+    def disturb(sample: FtSample) -> FtSample:
+        grown = np.concatenate((sample.force_N, sample.torque_Nm)) - at_rest
+        shown = at_rest + wiring @ grown
+        return FtSample(shown[:3], shown[3:], sample.status, sample.counter)
+
+    return disturb
 
 
 def name_of(wiring: Array) -> str:
@@ -148,36 +155,28 @@ def name_of(wiring: Array) -> str:
     )
 
 
-FAULT_ROWS = CaseTable(
-    {"fault": "", "held_after_ms": ".0f", "code": "", "force_increase_N": ".1f"}, [*FAULTS], fault
-)
-HELD = {"held_after_ms": ".0f", "code": "", "force_N": ".1f", "travel_mm": ".2f"}
-WIRING_ROWS = CaseTable({"wiring": "", "press_is_visible": "", **HELD}, range(len(SIGNED)), wiring)
+FAULT_ROWS = CaseTable([*FAULTS], fault)
+WIRING_ROWS = CaseTable(range(len(SIGNED)), wiring)
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Return time to the hold, code and force for each fault and each wiring, and the worst."""
     faults, wired = FAULT_ROWS.measured(options), WIRING_ROWS.measured(options)
     groups = {
         "the press is not visible": [each for each in wired if not each["press_is_visible"]],
         "wrong laterally only": [each for each in wired[1:] if each["press_is_visible"]],
     }
-    worst = [{"wirings": name, **_worst(group)} for name, group in groups.items()]
-    return {
-        "faults": FAULT_ROWS.stored(faults),
-        "wirings": WIRING_ROWS.stored(wired),
-        "worst-wirings": table({"wirings": "", "stopped": "d", "of": "d", **HELD}, worst),
-    }
+    worst = [{"wirings": name, **worst_of(group)} for name, group in groups.items()]
+    return {"faults": faults, "wirings": wired, "worst-wirings": worst}
 
 
-def _worst(group: Sequence[Row]) -> Row:
+def worst_of(group: Sequence[Row]) -> Row:
     """Return how many wirings were stopped, and the worst values."""
     stopped = [each for each in group if isfinite(each["held_after_ms"])]
     return {
         "stopped": len(stopped),
         "of": len(group),
-        "held_after_ms": max((each["held_after_ms"] for each in stopped), default=None),
         "code": ", ".join(sorted({each["code"] for each in stopped})),
-        "force_N": max((each["force_N"] for each in group), default=None),
-        "travel_mm": max((each["travel_mm"] for each in group), default=None),
+        **largest(stopped, ["held_after_ms"]),
+        **largest(group, ["force_N", "travel_mm"]),
     }

@@ -11,11 +11,11 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.harness import Options
-from bench.results import ROOT, Row, Table, table
+from bench.harness import Options, Tables
+from bench.results import ROOT, Row
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
-from common.config.load import dump_cell, load_cell
+from common.config.load import load_cell
 from common.runtime.realtime import prepare_realtime
 from forcemesh import topics
 from forcemesh.bus import Reader
@@ -29,7 +29,6 @@ from tests.chaos.witness import witness
 RATE_HZ = 1000
 MOST_SUPERSEDED = 0.005  # of what was published
 MINUTES, PRINT_EVERY_S, WARM_UP_S, START_WITHIN_S = 10.0, 60.0, 2.0, 30.0
-OF_DRIVER = ("records", "lost", "late", "published")
 NAMES = {
     "records": "records read by the driver from its socket",
     "lost": "lost between sensor and driver",
@@ -40,7 +39,6 @@ NAMES = {
     "superseded": "superseded there",
     "not valid": "messages that were not valid",
 }
-COLUMNS = {"quantity": "", "count": "d", "limit": "", "met": ""}
 
 
 class Soak:
@@ -48,8 +46,7 @@ class Soak:
 
     def __init__(self, wrench: Reader[SensorWrench], health: Reader[Health]) -> None:
         """Wait for the first sample. Raises BusError when there is none."""
-        self._wrench, self._health, self._seq = wrench, health, 0
-        self._not_valid: Counter[str] = Counter()
+        self._wrench, self._health, self._seq, self._not_valid = wrench, health, 0, 0
         give_up_s = time.monotonic() + START_WITHIN_S
         while wrench.read(time.monotonic_ns()).fresh is None:
             if time.monotonic() > give_up_s:
@@ -64,15 +61,14 @@ class Soak:
             reading = self._wrench.read(time.monotonic_ns())
             if reading.header is not None and reading.header.seq != self._seq:
                 self._seq = reading.header.seq
-                self._not_valid.update(["not valid"] if reading.code else [])
+                self._not_valid += bool(reading.code)
 
     def counts(self) -> Counter[str]:
         """Return both ends' counters; the driver's are a quarter of a second old at most."""
-        health = self._health.read(time.monotonic_ns()).message
-        driver = {} if health is None else health.counters
-        counters = self._wrench.counters
+        health, counters = self._health.read(time.monotonic_ns()).message, self._wrench.counters
         here = {"received": counters.received, "superseded": counters.superseded}
-        return Counter({name: driver.get(name, 0) for name in OF_DRIVER} | here) + self._not_valid
+        driver = {} if health is None else health.counters
+        return Counter({**driver, **here, "not valid": self._not_valid})
 
 
 def soak_cell() -> CellConfig:
@@ -108,30 +104,28 @@ def processes_of(cell: CellConfig) -> list[ProcessSpec]:
 def soak(minutes: float) -> Counter[str]:
     """Run for a duration; return the counts after the warm-up."""
     cell = soak_cell()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "cell.yaml"
-        path.write_text(dump_cell(cell), encoding="utf-8")
-        with (
-            Supervisor(cell, path, processes=processes_of(cell)),
-            open_bus(cell, topics.CLIENT, patience_s=10.0) as bus,
-            witness(Path(folder)) as watch,
-        ):
-            run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.HEALTH["sensor"]))
-            prepare_realtime()
-            run.live(WARM_UP_S)
-            before, end_s = run.counts(), time.monotonic() + 60.0 * minutes
-            while (left_s := end_s - time.monotonic()) > 0.0:
-                run.live(min(PRINT_EVERY_S, left_s))
-                now = run.counts()
-                sys.stderr.write(f"{now['records']} records, {now['superseded']} superseded\n")
-            stalled = Counter({"stalled": round(RATE_HZ * watch.stalled_s())})
-            since = {name: count - before[name] for name, count in run.counts().items()}
-            return Counter(since) + stalled
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Supervisor(cell, processes=processes_of(cell)),
+        open_bus(cell, topics.CLIENT, patience_s=10.0) as bus,
+        witness(Path(folder)) as watch,
+    ):
+        run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.HEALTH["sensor"]))
+        prepare_realtime()
+        run.live(WARM_UP_S)
+        before, end_s = run.counts(), time.monotonic() + 60.0 * minutes
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            run.live(min(PRINT_EVERY_S, left_s))
+            now = run.counts()
+            sys.stderr.write(f"{now['records']} records, {now['superseded']} superseded\n")
+        counts = run.counts()
+        counts.subtract(before)
+        return counts + Counter(stalled=round(RATE_HZ * watch.stalled_s()))
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Count for ten minutes."""
-    return {"counts": table(COLUMNS, rows(soak(options.minutes or MINUTES)))}
+    return {"counts": rows(soak(options.minutes or MINUTES))}
 
 
 def rows(counts: Counter[str]) -> Iterator[Row]:

@@ -9,18 +9,19 @@ each topic.
 
 import random
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from itertools import product
+from dataclasses import dataclass
+from functools import partial
 from math import hypot
 
-from bench.harness import QUICK_STEP, Options
-from bench.results import ROOT, Table, table
+from bench.harness import QUICK_STEP, Options, Tables
+from bench.results import ROOT, Row
 from cli.demo.cell import DemoOverrides, demo_cell
 from common.bus.configured_cell import ConfiguredCell
+from common.config.cell import CellConfig
 from common.runtime.service import Runner
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
-from forcemesh.messages import OPERATIONAL, Law
+from forcemesh.messages import OPERATIONAL
 from launch.virtual_cell import VirtualCell
 
 CELL = ROOT / "cells" / "demo.yaml"
@@ -39,23 +40,11 @@ PAUSE_S = (0.15, 0.6)  # between two stalls
 START_LEADS_S = (None, None, None, None, -0.006, -0.002, 0.0, 0.012)
 REST_S = 0.3  # between its stop and its start
 MOST_PRESS, MOST_LIFT = 1.3, 0.05  # of the set point
-COLUMNS = {
-    "law": "", "stiffness_N_m": "g", "delay_ms": "g", "runs": "d", "held_or_refused": "d",
-    "largest_press_pct": ".0f", "largest_lift_off_pct": ".1f", "beyond": "d", "met": "",
-}  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class StallCase:
-    """A law and the contact that it presses on."""
-
-    law: Law
-    stiffness_N_m: float
-    delay_ms: float
-
-
-CASES = [StallCase(law, *contact) for law, contact in product(
-    ("plain", "adaptive"), ((2e4, 10.0), (2.8e4, 41.0)))]  # fmt: skip
+CASES: list[Row] = [
+    {"law": law, "stiffness_N_m": stiffness_N_m, "delay_ms": delay_ms}
+    for law in ("plain", "adaptive")
+    for stiffness_N_m, delay_ms in ((2e4, 10.0), (2.8e4, 41.0))
+]
 
 
 @dataclass(slots=True)
@@ -72,11 +61,13 @@ class StalledRun:
         return self.press <= MOST_PRESS and self.lift <= MOST_LIFT
 
 
+Draw = Callable[[], tuple[int, str, int]]  # pause before a stall [ns], who stands still, how long
+
+
 class Stalls:
     """Lets processes of a virtual cell stand still, one stall after the other."""
 
-    def __init__(self, world: VirtualCell, draw: Callable[[], tuple[int, str, int]]) -> None:
-        """Gate every process; `draw` returns the pause before a stall [ns], who, how long [ns]."""
+    def __init__(self, world: VirtualCell, draw: Draw) -> None:
         self._draw, self._until_ns = draw, 0
         self._next(world.clock.now_ns())
         for role, runner in world.runners.items():
@@ -104,7 +95,7 @@ class Stalls:
         runner.step = gated  # type: ignore[method-assign]
 
 
-def drawn(seed: int) -> Callable[[], tuple[int, str, int]]:
+def drawn(seed: int) -> Draw:
     """Return the stalls of a seed."""
     rng, stalls_ms = random.Random(seed), STALLS_MS[seed % 2]  # noqa: S311 - no secret
 
@@ -115,46 +106,49 @@ def drawn(seed: int) -> Callable[[], tuple[int, str, int]]:
     return draw
 
 
-def play(
-    case: StallCase, draw: Callable[[], tuple[int, str, int]], start_lead_s: float | None = None
-) -> StalledRun:
+def armed(cell: CellConfig) -> tuple[VirtualCell, ConfiguredCell]:
+    """Return a virtual cell that is tared and armed, and its client."""
+    world = VirtualCell(cell)
+    client = ConfiguredCell(cell, commander="operator", bus=world.client)
+    world.advance(READY_S)
+    client.tare()
+    client.arm()
+    return world, client
+
+
+def play(case: Row, draw: Draw, start_lead_s: float | None = None) -> StalledRun:
     """Press and release under stalls; after a hold the force is observed for a while.
 
     Args:
         case: Law and contact.
-        draw: Returns the pause before a stall [ns], who stands still, and how long [ns].
+        draw: The stalls.
         start_lead_s: Time from the beginning of a stall to the start that releases [s], negative
             if the start is first; None: the running force feedback releases.
     """
     trial = DemoOverrides(
-        stiffness_N_m=case.stiffness_N_m, delay_s=case.delay_ms / 1e3, law=case.law
+        stiffness_N_m=case["stiffness_N_m"], delay_s=case["delay_ms"] / 1e3, law=case["law"]
     )
-    world, found = VirtualCell(demo_cell(CELL, trial)), StalledRun()
-    client = ConfiguredCell(world.cell, commander="operator", bus=world.client)
-    world.advance(READY_S)
-    client.tare()
-    client.arm()
+    (world, client), found = armed(demo_cell(CELL, trial)), StalledRun()
     client.force.start(SETPOINT_N)
     world.advance(APPROACH_S, lambda: world.arm.lift_off_m < NEAR_M)
     stalls = Stalls(world, draw)
-    _observe(world, client, found, for_s=PRESS_S)
+    observe = partial(_observe, world, client, found)
+    observe(PRESS_S)
     if start_lead_s is not None and not found.held:
         client.force.stop()
-        _observe(world, client, found, for_s=REST_S)
+        observe(REST_S)
         stalls.begin(world.clock.now_ns() + round(max(0.0, -start_lead_s) * NS_PER_S))
-        _observe(world, client, found, for_s=max(0.0, start_lead_s))
+        observe(max(0.0, start_lead_s))
     if not found.held:
         try:
             client.force.start(0.0) if start_lead_s is not None else client.force.set(0.0)
         except RefusedError:  # data are stale: the arm stays where it is
             found.held = True
-        _observe(world, client, found, for_s=RELEASE_S)
+        observe(RELEASE_S)
     return found
 
 
-def _observe(
-    world: VirtualCell, client: ConfiguredCell, found: StalledRun, *, for_s: float
-) -> None:
+def _observe(world: VirtualCell, client: ConfiguredCell, found: StalledRun, for_s: float) -> None:
     """Let time pass and note the extremes; end a while after a hold."""
 
     def note() -> bool:
@@ -174,26 +168,26 @@ def _observe(
             end_ns = world.clock.now_ns() + round(HELD_S * NS_PER_S)
 
 
-def _run(job: tuple[StallCase, int]) -> StalledRun:
+def _run(job: tuple[Row, int]) -> StalledRun:
     case, seed = job
     return play(case, drawn(seed), START_LEADS_S[seed % len(START_LEADS_S)])
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Run every case with every seed."""
-    seeds = SEEDS // QUICK_STEP if options.quick else SEEDS
-    found = []
-    for case in CASES:
-        jobs = [(case, seed) for seed in range(seeds)]
-        runs = list(options.pool.map(_run, jobs, chunksize=5))
-        beyond = sum(not run.is_good for run in runs)
-        found.append({
-            **asdict(case),
-            "runs": len(runs),
-            "held_or_refused": sum(run.held for run in runs),
-            "largest_press_pct": 100.0 * max(run.press for run in runs),
-            "largest_lift_off_pct": 100.0 * max(run.lift for run in runs),
-            "beyond": beyond,
-            "met": beyond == 0,
-        })  # fmt: skip
-    return {"cases": table(COLUMNS, found)}
+    return {"cases": [_row(case, options) for case in CASES]}
+
+
+def _row(case: Row, options: Options) -> Row:
+    jobs = [(case, seed) for seed in range(SEEDS // QUICK_STEP if options.quick else SEEDS)]
+    runs = list(options.pool.map(_run, jobs, chunksize=5))
+    beyond = sum(not run.is_good for run in runs)
+    return {
+        **case,
+        "runs": len(runs),
+        "held_or_refused": sum(run.held for run in runs),
+        "largest_press_pct": 100.0 * max(run.press for run in runs),
+        "largest_lift_off_pct": 100.0 * max(run.lift for run in runs),
+        "beyond": beyond,
+        "met": beyond == 0,
+    }

@@ -10,7 +10,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Literal, TypeVar
@@ -19,11 +19,12 @@ import numpy as np
 import zenoh
 import zmq
 
-from bench.chain.load import Load, measured
+from bench.chain.load import Load, measured, started
 from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.runtime.realtime import prepare_realtime
+from forcemesh.zenoh_session import open_router
 from forcemesh.zenoh_settings import client_settings
 from tests.chaos.common_net import free_port
 
@@ -61,42 +62,27 @@ def run(
     spawn = multiprocessing.get_context("spawn")
     ports = [free_port() for _ in range(SINK + 1)]
     plan = Plan(kind, cell, ports, rate_hz, duration_s + 2.0 * WARM_UP_S, realtime)
-    ready, ours = spawn.Barrier(SINK + 2), spawn.Pipe()
-    load: dict[str, Load] = {}
+    ready, (ours, theirs) = spawn.Barrier(SINK + 2), spawn.Pipe()
+    pids = {}
     with ExitStack() as exits:
-        pids = {}
         if kind == "zenoh":
             pids["hub"] = exits.enter_context(started(_be_the_hub, plan))
         for number in range(SINK, -1, -1):
             name = {0: "source", SINK: "sink"}.get(number, f"forwarder {number}")
-            pids[name] = exits.enter_context(started(_be_a_stage, plan, number, ready, ours[1]))
+            pids[name] = exits.enter_context(started(_be_a_stage, plan, number, ready, theirs))
         ready.wait(CONNECT_S)
         time.sleep(WARM_UP_S)
-        with measured(pids, load):
-            time.sleep(duration_s)
-        if not ours[0].poll(CONNECT_S):
+        load = measured(pids, lambda: time.sleep(duration_s))
+        if not ours.poll(CONNECT_S):
             raise TimeoutError(f"the bare chain over {kind} did not end")
-        times_us = np.array(ours[0].recv()) / 1e3
+        times_us = np.array(ours.recv()) / 1e3
     return times_us[int(WARM_UP_S * rate_hz) :], load
-
-
-@contextmanager
-def started(target: Callable[..., None], *arguments: object) -> Iterator[int]:
-    """Run a function in a process of its own during the block; yield its pid."""
-    spawn = multiprocessing.get_context("spawn")
-    process = spawn.Process(target=target, args=arguments, daemon=True)
-    process.start()
-    try:
-        yield process.pid or 0
-    finally:
-        process.terminate()
-        process.join()
 
 
 def _be_the_hub(plan: Plan) -> None:
     """Be a router with the settings of a cell's hub, until the process is terminated."""
-    settings = hub_settings(plan.cell, plan.cell.bus.endpoint)
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
+    endpoint = plan.cell.bus.endpoint
+    with open_router(hub_settings(plan.cell, endpoint), endpoint):
         if plan.realtime:
             prepare_realtime()
         time.sleep(3600.0)
@@ -111,32 +97,30 @@ def _be_a_stage(
         if plan.realtime:
             prepare_realtime()
         ready.wait(CONNECT_S)
-        times_ns: list[int] = []
         if number == 0:
             _emit(send, plan)
+        elif number == SINK:
+            result.send([*_times_ns(receive)])
         else:
-            while (data := receive()) != END:
-                if number < SINK:
-                    send(data)
-                else:
-                    times_ns.append(time.monotonic_ns() - STAMP.unpack_from(data)[0])
-        if number == SINK:
-            result.send(times_ns)
-            return
-        for _ in range(ENDS):
-            send(END)
-            time.sleep(END_PAUSE_S)
+            while data := receive():  # or until the process is ended
+                send(data)
+
+
+def _times_ns(receive: Receive) -> Iterator[int]:
+    """Yield the time of each message since it was stamped."""
+    while (data := receive()) != END:
+        yield time.monotonic_ns() - STAMP.unpack_from(data)[0]
 
 
 def _emit(send: Send, plan: Plan) -> None:
-    """Send stamped messages at a rate."""
+    """Send stamped messages at a rate, and the end."""
     began_s, padding = time.monotonic(), bytes(SIZE_B - STAMP.size)
     for tick in range(round(plan.length_s * plan.rate_hz)):
         time.sleep(max(0.0, began_s + tick / plan.rate_hz - time.monotonic()))
         send(STAMP.pack(time.monotonic_ns()) + padding)
-
-
-# --- links ----------------------------------------------------------------------------------------
+    for _ in range(ENDS):
+        time.sleep(END_PAUSE_S)
+        send(END)
 
 
 def _by_zenoh(plan: Plan, number: int, exits: ExitStack) -> tuple[Receive, Send]:

@@ -2,8 +2,8 @@
 
 import os
 import time
-from collections.abc import Collection, Iterable
-from contextlib import ExitStack
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,25 +11,30 @@ from typing import Any
 import numpy as np
 
 from bench.chain.load import Load, measured
+from bench.results import ROOT
 from common.bus.cell_bus import open_bus
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
+from common.config.load import load_cell
 from common.motion.frames import Array
 from common.runtime.realtime import request_short_slices
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.messages import OPERATIONAL, ArbiterState, Health, Law
 from launch.processes import Supervisor
+from tests.chaos.common_net import free_port
 
 PRESS_N, BAND_N = 15.0, 1.0
 PRESSING: ArbiterState = "ACTIVE"
 POLL_S = 0.0005
-WITHIN_S = 60.0
+WITHIN_S = 180.0  # also while other work keeps all cores busy
 STAGES: dict[str, topics.Topic[Any]] = {
     "wrench": topics.WRENCH,
     "regulator": topics.REGULATOR_TARGET,
     "arbiter": topics.ROBOT_COMMAND,
 }
+# The simulated robot's process is the sensor as well.
+OF_PROCESSES = tuple(role for role in topics.ROLES if role != "sensor")
 DROPPED = ("superseded", "lost")  # last word of counters of messages or samples not used
 
 
@@ -57,17 +62,27 @@ class CellRun:
         return found
 
 
+def own_demo(name: str, changes: Mapping[str, object] | None = None) -> CellConfig:
+    """Return the demo's cell under a name of its own, at a free port."""
+    own = {"cell": name, "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    return load_cell(ROOT / "cells" / "demo.yaml", {**own, **(changes or {})})
+
+
+@contextmanager
+def running(cell: CellConfig, file: Path | None = None) -> Iterator[ConfiguredCell]:
+    """Run the processes of a cell during the block; yield its client when it is ready."""
+    with Supervisor(cell, file) as supervisor:
+        supervisor.wait_ready(WITHIN_S)
+        with ConfiguredCell(cell, commander="operator") as client:
+            client.wait_ready(WITHIN_S)
+            yield client
+
+
 def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> CellRun:
     """Let a cell press and measure it for an interval."""
     found = CellRun(ages_us={stage: {} for stage in (*STAGES, "robot")})
-    with ExitStack() as exits:
-        exits.enter_context(Supervisor(cell)).wait_ready(WITHIN_S)
-        client = exits.enter_context(ConfiguredCell(cell, commander="operator"))
-        watch = exits.enter_context(open_bus(cell, topics.CLIENT))
-        client.wait_ready(WITHIN_S)
-        # The simulated robot's process is the sensor as well.
-        roles = [role for role in topics.ROLES if role != "sensor"]
-        health = {role: client.feed(topics.HEALTH[role]) for role in roles}
+    with running(cell) as client, open_bus(cell, topics.CLIENT) as watch:
+        health = {role: client.feed(topics.HEALTH[role]) for role in OF_PROCESSES}
         pids = {role: reading(WITHIN_S).pid for role, reading in health.items()}
         if not realtime:
             for pid in pids.values():
@@ -77,8 +92,7 @@ def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> Cel
         if found.held:
             return found
         before = _dropped(reading() for reading in health.values())
-        with measured(pids, found.load):
-            _watch(watch, duration_s, found)
+        found.load = measured(pids, lambda: _watch(watch, duration_s, found))
         after = _dropped(reading() for reading in health.values())
         found.dropped = {name: count - before[name] for name, count in after.items()}
         found.held = why_held(client, (PRESSING,))

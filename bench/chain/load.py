@@ -3,8 +3,9 @@
 import multiprocessing
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import thread_time_ns
@@ -29,22 +30,22 @@ class Load:
     threads_pct: dict[str, float]  # by name
 
 
-@contextmanager
-def measured(pids: dict[str, int], into: dict[str, Load]) -> Iterator[None]:
-    """Measure the load of processes over the block."""
+def measured(pids: dict[str, int], work: Callable[[], object]) -> dict[str, Load]:
+    """Return the load of processes while this one does something, such as sleep."""
     before, began_s = {name: _threads(pid) for name, pid in pids.items()}, time.monotonic()
-    yield
+    work()
     took_s = time.monotonic() - began_s
-    for name, pid in pids.items():
-        threads_pct: dict[str, float] = {}
-        wakeups = 0
-        for thread, (cpu_s, switches) in _threads(pid).items():
-            earlier_s, earlier = before[name].get(thread, (0.0, 0))
-            plain = thread.rpartition(" ")[0]
-            share = 100.0 * (cpu_s - earlier_s) / took_s
-            threads_pct[plain] = threads_pct.get(plain, 0.0) + share
-            wakeups += switches - earlier
-        into[name] = Load(sum(threads_pct.values()), wakeups / took_s, threads_pct)
+    return {name: _load(before[name], _threads(pid), took_s) for name, pid in pids.items()}
+
+
+def _load(before: Threads, after: Threads, took_s: float) -> Load:
+    threads_pct: defaultdict[str, float] = defaultdict(float)
+    wakeups = 0
+    for thread, (cpu_s, switches) in after.items():
+        earlier_s, earlier = before.get(thread, (0.0, 0))
+        threads_pct[thread.rpartition(" ")[0]] += 100.0 * (cpu_s - earlier_s) / took_s
+        wakeups += switches - earlier
+    return Load(sum(threads_pct.values()), wakeups / took_s, threads_pct)
 
 
 def _threads(pid: int) -> Threads:
@@ -66,16 +67,23 @@ def busy_loops(count: int) -> Iterator[None]:
     Programs that a person starts elsewhere are in other sessions, between which Linux divides the
     processor (sched_autogroup).
     """
-    spawn = multiprocessing.get_context("spawn")
-    loops = [spawn.Process(target=_spin, daemon=True) for _ in range(count)]
-    for loop in loops:
-        loop.start()
-    try:
+    with ExitStack() as exits:
+        for _ in range(count):
+            exits.enter_context(started(_spin))
         yield
+
+
+@contextmanager
+def started(target: Callable[..., None], *arguments: object) -> Iterator[int]:
+    """Run a function in a process of its own during the block; yield its pid."""
+    spawn = multiprocessing.get_context("spawn")
+    process = spawn.Process(target=target, args=arguments, daemon=True)
+    process.start()
+    try:
+        yield process.pid or 0
     finally:
-        for loop in loops:
-            loop.kill()
-            loop.join()
+        process.kill()
+        process.join()
 
 
 def _spin() -> None:

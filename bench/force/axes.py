@@ -6,21 +6,19 @@ points and their ramp are the product's own (services/regulator/task_request.py)
 same set points; its motion along a held axis is zero, as with a stiff spring.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
-from math import inf
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from bench.force.laws import KNOWN_K, AnyLaw, LawRunner, law_of
-from bench.force.measures import means, settling_s
+from bench.force.laws import LOOPS_HZ, AnyLaw, LawRunner, law_of, ours, places_of
 from bench.force.requirements import requirement
-from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
-from bench.harness import CaseTable, Options, worst
-from bench.results import Row, Table, table
+from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace, means, settling_s
+from bench.harness import CaseTable, Options, Tables, grouped, largest, worst
+from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
 from forcemesh.force_task import parse_task
@@ -36,7 +34,6 @@ from services.regulator.task_request import (
 )
 from tests.fakes.coupled_contact import CoupledContact, skewed_stiffness
 
-STIFFNESSES_N_M, LOOPS_HZ = (5e3, 2e4, 1e5), (250.0, 60.0, 30.0)
 SHARES = (1.0, 0.7, 0.5)  # principal stiffnesses, of the largest
 LEVER_M = 0.026  # of the stiffness against rotation
 BUSHINGS = (0, 1, 2)  # drawn axes
@@ -45,11 +42,9 @@ HELD_TURN = " rx=held ry=held rz=held"
 THREE = "x=force:5 y=force:-4 z=force:10" + HELD_TURN
 ONE = "z=force:10"
 TWO = "x=held y=force:-5 z=force:12" + HELD_TURN
-BAND_N, TAIL_S = 1.0, 1.0
+TAIL_S = 1.0
 SETTLES_S, CHANGE_S = 5.0, 1.0
 TURNED = pin.utils.rotate("z", 0.7) @ pin.utils.rotate("x", 0.4)  # axes of the changed frame
-PLACE = {"law": "", "stiffness_N_m": "g", "loop_hz": "g"}
-REACHED = dict.fromkeys(("settling_s", "overshoot_N", "steady_error_N"), ".2g")
 LIMITS = (  # table, measure, quantity, limit
     ("three-axes", "steady_error_N", "three axes, steady error, N", 0.1),
     ("three-axes", "held_deg", "three axes, rotation that is held, degrees", 0.2),
@@ -59,15 +54,6 @@ LIMITS = (  # table, measure, quantity, limit
 )
 
 
-@dataclass(frozen=True, slots=True)
-class AxisCase:
-    """One law in the bushings of one stiffness."""
-
-    law: str
-    stiffness_N_m: float
-    loop_hz: float
-
-
 class TaskPilot:
     """A law with a task: its set points are ramped as the regulator does it."""
 
@@ -75,7 +61,6 @@ class TaskPilot:
     task: AxisTask
 
     def __init__(self, rig: ForceRig, law: AnyLaw) -> None:
-        """Start without a task, at rest."""
         self.rig, self._law, self._begun = rig, law, False
 
     def start(self, text: str, frame: TaskFrame = "base", pose: PoseRecord | None = None) -> None:
@@ -146,7 +131,7 @@ def _reached(pilot: TaskPilot, trace: Trace) -> Row:
     error_N = (exerted_N - goal.force_N)[:, np.array(goal.yields)]
     beyond_N = -error_N * np.sign(error_N[0])  # in the direction of the change
     return {
-        "settling_s": settling_s(t, _smooth(trace, error_N), BAND_N),
+        "settling_s": settling_s(t, _smooth(trace, error_N)),
         "overshoot_N": max(0.0, *(float(means(t, column).max()) for column in beyond_N.T)),
         "steady_error_N": float(np.abs(error_N[t >= t[-1] - TAIL_S]).mean(axis=0).max()),
     }
@@ -158,73 +143,53 @@ def _smooth(trace: Trace, vectors: Array) -> Array:
     return np.asarray(np.linalg.norm([means(t, column) for column in vectors.T], axis=0))
 
 
-def three_axes_row(case: AxisCase) -> Row:
-    """Return the worst of the bushings."""
-    return worst_of(case, three_axes, (*REACHED, "held_deg"))
-
-
-def task_change_row(case: AxisCase) -> Row:
-    """Return the worst of the bushings."""
-    return worst_of(case, task_change, (*REACHED, "held_mm", "bump_N"))
-
-
-def worst_of(case: AxisCase, scene: Callable[[TaskPilot], Row], names: Sequence[str]) -> Row:
+def worst_of(case: Row, scene: Callable[[TaskPilot], Row]) -> Row:
     """Return a scene's measures, of each the worst of the bushings."""
     found = [scene(pilot_of(case, bushing)) for bushing in BUSHINGS]
-    place = {name: getattr(case, name) for name in PLACE}
-    return {**place, **{name: worst(each[name] for each in found) for name in names}}
+    return {**case, **largest(found, found[0])}
 
 
-def pilot_of(case: AxisCase, bushing: int) -> TaskPilot:
+def pilot_of(case: Row, bushing: int) -> TaskPilot:
     """Return a law whose tool is in a bushing, without load."""
-    k = case.stiffness_N_m
-    rig = ForceRig(SceneSettings(k, DELAY_MS, case.loop_hz, gap_m=GAP_M).cell())
+    k = case["stiffness_N_m"]
+    rig = ForceRig(SceneSettings(k, DELAY_MS, case["loop_hz"], gap_m=GAP_M).cell())
     along = tuple(share * k for share in SHARES)
     about = tuple(LEVER_M**2 * each for each in along)
     stiffness = skewed_stiffness(np.random.default_rng(bushing), along, about)
     plate: Any = CoupledContact(rig.arm, stiffness)
     rig.arm.plate = plate
-    return TaskPilot(rig, law_of(case.law, rig))
+    return TaskPilot(rig, law_of(case["law"], rig))
 
 
-CASES = [
-    AxisCase(law, k, hz)
-    for law, hz, k in product(KNOWN_K, LOOPS_HZ, STIFFNESSES_N_M)
-    if law == "adaptive" or hz == LOOPS_HZ[0]
-]
+CASES = places_of(loop_hz=LOOPS_HZ, stiffness_N_m=(5e3, 2e4, 1e5))
+
+
 TABLES = {
-    "three-axes": CaseTable({**PLACE, **REACHED, "held_deg": ".2g"}, CASES, three_axes_row),
-    "change-of-task": CaseTable({**PLACE, **REACHED, "held_mm": ".2g", "bump_N": ".2g"}, CASES,
-                                task_change_row),
-}  # fmt: skip
-WORST = {"scene": "", "loop_hz": "g", **REACHED,
-         **dict.fromkeys(("held_deg", "held_mm", "bump_N"), ".2g")}  # fmt: skip
-REQUIREMENT = {"quantity": "", "limit": "g", "worst_result": ".2g", "met": ""}
+    "three-axes": CaseTable(CASES, partial(worst_of, scene=three_axes)),
+    "change-of-task": CaseTable(CASES, partial(worst_of, scene=task_change)),
+}
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Return our law in every loop, the others where it is fast, and the requirements."""
     rows = {name: each.measured(options) for name, each in TABLES.items()}
     return {
-        "requirements": table(REQUIREMENT, requirements(rows)),
-        "worst": table(WORST, worst_by_rate(rows)),
-        **{name: each.stored(rows[name]) for name, each in TABLES.items()},
+        "requirements": requirements(rows),
+        "worst": worst_by_rate(rows),
+        **rows,
     }
 
 
 def worst_by_rate(rows: dict[str, list[Row]]) -> Iterator[Row]:
     """Yield the worst of our law by scene and rate of the loop."""
-    for (scene, found), hz in product(rows.items(), LOOPS_HZ):
-        ours = [r for r in found if (r["law"], r["loop_hz"]) == ("adaptive", hz)]
-        values = {
-            name: worst(r[name] for r in ours) for name in list(WORST)[2:] if name in found[0]
-        }
-        yield {"scene": scene.replace("-", " "), "loop_hz": hz, **values}
+    for scene, found in rows.items():
+        for rate, these in grouped(ours(found), "loop_hz"):
+            names = [name for name in these[0] if name not in ("law", "stiffness_N_m", "loop_hz")]
+            yield {"scene": scene.replace("-", " "), **rate, **largest(these, names)}
 
 
 def requirements(rows: dict[str, list[Row]]) -> Iterator[Row]:
     """Yield the requirements on our law in a fast loop; without rows none is met."""
     for name, measured_value, text, limit in LIMITS:
-        ours = [r for r in rows[name] if (r["law"], r["loop_hz"]) == ("adaptive", LOOPS_HZ[0])]
-        found = max((float(row[measured_value]) for row in ours), default=inf)
-        yield requirement(text, limit, found)
+        found = (row[measured_value] for row in ours(rows[name]) if row["loop_hz"] == LOOPS_HZ[0])
+        yield requirement(text, limit, worst(found))

@@ -6,14 +6,15 @@ The peers follow the documentation of their ROS packages:
   drives a virtual mass that loses a tenth of its speed at every step.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
+from bench.harness import grid
+from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
 from forcemesh.messages import Mode
@@ -21,43 +22,38 @@ from services.regulator.axis_task import AxisTask, mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
 from services.regulator.laws import LAWS
-from tuning.gain_rule import tune
+from tuning.gain_rule import rule_gain, tune
 
 HOLD_N = 10.0
 KEPT_SPEED = 0.9  # of FDCC's virtual mass at each step
 PEER_TIME_S = 0.01  # second parameter of both peers, where they are not tuned
-PeerKind = Literal["admittance", "FDCC-like"]
+ADAPTIVE, SAFE, TUNED, GUIDED = (
+    "adaptive", "plain, safe at 2e5 N/m", "plain, known k", "hand guiding"
+)  # fmt: skip
+OF_REGULATOR = {ADAPTIVE: "adaptive", SAFE: "plain", TUNED: "plain", GUIDED: "admittance"}
+PEERS = {"admittance, known k": "admittance", "FDCC-like, known k": "FDCC-like"}
+LOOPS_HZ = (250.0, 60.0, 30.0)
+KNOWN_K = (ADAPTIVE, TUNED, *PEERS)  # all but the adaptive one know the stiffness of the plate
 
 
 class LawRunner:
     """A law of the regulator, as the regulator runs it."""
 
     def __init__(
-        self,
-        rig: ForceRig,
-        law: str,
-        gain_m_per_Ns: float | None = None,
-        gain_p_m_per_N: float = 0.0,
+        self, rig: ForceRig, law: str, gain_m_per_Ns: float | None = None, gain_p_m_N: float = 0.0
     ) -> None:
         """Start at rest, with the rule's gains or one tuned by hand."""
         self._law, gains = LAWS[law], PiGains.of(tune(rig.cell).gains)
         if gain_m_per_Ns is not None:
-            gains = replace(
-                gains,
-                force_i_m_per_Ns=(gain_m_per_Ns,) * 3,
-                force_p_m_per_N=(gain_p_m_per_N,) * 3,
-            )
+            force_i, force_p = (gain_m_per_Ns,) * 3, (gain_p_m_N,) * 3
+            gains = replace(gains, force_i_m_per_Ns=force_i, force_p_m_per_N=force_p)
         self.settings, self._gains = self._law.settings(rig.cell), gains
         self.mode: Mode = "position"
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
         self.presses_only = False  # force control acts along the tool's axis alone
         self.motion, self._rig = start_at(rig.T_base_tcp), rig
+        self.predicts = self._law.predicts
         self.restart()
-
-    @property
-    def predicts(self) -> bool:
-        """Whether the law has a predictor."""
-        return self._law.predicts
 
     def restart(self) -> None:
         """Forget the estimates and the last errors, as in another task frame."""
@@ -97,21 +93,18 @@ def law_input(sample: LawSample, task: AxisTask, gains: PiGains, motion: LawMoti
 class Peer:
     """A peer's law: it moves a virtual body along the force error, with constant orientation."""
 
-    def __init__(
-        self, kind: PeerKind, T_base_tcp: pin.SE3, gain_m_per_Ns: float, time_s: float,
-        *, longest_m_s: float,
-    ) -> None:  # fmt: skip
+    def __init__(self, kind: str, rig: ForceRig, gain_m_per_Ns: float, time_s: float) -> None:
         """Start at rest.
 
         Args:
-            kind: Which peer.
-            T_base_tcp: Commanded pose.
+            kind: admittance or FDCC-like.
+            rig: The arm, and the limit of the speed.
             gain_m_per_Ns: Steady speed per force; of the admittance law 1 / D.
             time_s: M / D of the admittance law, weight of FDCC's D part.
-            longest_m_s: Limit of the speed.
         """
         self._kind, self._gain, self._time_s = kind, gain_m_per_Ns, time_s
-        self._T, self._speed_m_s, self._longest_m_s = T_base_tcp, np.zeros(3), longest_m_s
+        self._T, self._speed_m_s = rig.T_base_tcp, np.zeros(3)
+        self._longest_m_s = rig.cell.force.speed_max_m_s
         self._last_N: Array | None = None
         self.setpoint_N = 0.0
 
@@ -142,56 +135,49 @@ class Peer:
 
 
 AnyLaw = LawRunner | Peer
-Make = Callable[[ForceRig], LawRunner]
 
 
-def adaptive(rig: ForceRig) -> LawRunner:
-    """Our law."""
-    return LawRunner(rig, "adaptive")
+def runner_of(law: str, rig: ForceRig) -> LawRunner:
+    """Return a law of the regulator by its name in the tables."""
+    return LawRunner(rig, OF_REGULATOR[law], known_gain(rig) if law == TUNED else None)
 
 
-def plain(rig: ForceRig) -> LawRunner:
-    """The PI law with the gain rule for the stiffest contact."""
-    return LawRunner(rig, "plain")
+def law_of(law: str, rig: ForceRig) -> AnyLaw:
+    """Return a law of `KNOWN_K`."""
+    if law in PEERS:
+        return Peer(PEERS[law], rig, known_gain(rig), PEER_TIME_S)
+    return runner_of(law, rig)
 
 
-def tuned_plain(rig: ForceRig) -> LawRunner:
-    """The PI law with the gain rule for this scene's known stiffness."""
-    return LawRunner(rig, "plain", known_gain(rig))
+def places_of(**places: Iterable[float]) -> list[Row]:
+    """Return the cases of every law in a fast loop, and of ours in every one."""
+    cases = grid(law=KNOWN_K, **places)
+    return [each for each in cases if each["law"] == ADAPTIVE or each["loop_hz"] == LOOPS_HZ[0]]
 
 
-def guided(rig: ForceRig) -> LawRunner:
-    """Our law for hand guiding."""
-    return LawRunner(rig, "admittance")
+def ours(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows of our law."""
+    return [row for row in rows if row.get("law") == ADAPTIVE]
 
 
 def known_gain(rig: ForceRig) -> float:
     """Return the gain rule's result for the stiffness of the plate [m/(N s)]."""
-    inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
-    return min(0.45 / (rig.arm.settings.stiffness_N_m * rig.cell.loop_delay_s), inertia)
+    cell, stiffness_N_m = rig.cell, rig.arm.settings.stiffness_N_m
+    tau_s, bandwidth_rad_s = cell.loop_delay_s, cell.robot.bandwidth_rad_s
+    inertia_kg = cell.contact.inertia_kg
+    return rule_gain(stiffness_N_m, inertia_kg, tau_s=tau_s, bandwidth_rad_s=bandwidth_rad_s)
 
 
-KNOWN_K = ("adaptive", "plain, known k", "admittance, known k", "FDCC-like, known k")
-
-
-def law_of(name: str, rig: ForceRig) -> AnyLaw:
-    """Return a law of `KNOWN_K`; all but the adaptive one know the stiffness of the plate."""
-    if name == "adaptive":
-        return adaptive(rig)
-    gain, longest_m_s = known_gain(rig), rig.cell.force.speed_max_m_s
-    if name.startswith("plain"):
-        return LawRunner(rig, "plain", gain)
-    kind: PeerKind = "admittance" if name.startswith("admittance") else "FDCC-like"
-    return Peer(kind, rig.T_base_tcp, gain, PEER_TIME_S, longest_m_s=longest_m_s)
-
-
-def holding(
-    world: SceneSettings, make: Make, setpoint_N: float = HOLD_N
-) -> tuple[ForceRig, LawRunner, Trace]:
-    """Return a rig at its set point after a light contact, and the trace."""
+def pressing(world: SceneSettings, law: str) -> tuple[ForceRig, LawRunner]:
+    """Return a rig in light contact, and a law with the set point of the scenes."""
     rig = ForceRig(world.cell())
     rig.press(3.0)
-    pilot = make(rig)
-    pilot.setpoint_N = setpoint_N
-    trace = rig.run(pilot, 1.5 if make is not plain else 4.0)
-    return rig, pilot, trace
+    pilot = runner_of(law, rig)
+    pilot.setpoint_N = HOLD_N
+    return rig, pilot
+
+
+def holding(world: SceneSettings, law: str) -> tuple[ForceRig, LawRunner, Trace]:
+    """Return a rig at the set point of the scenes, and the trace from the contact on."""
+    rig, pilot = pressing(world, law)
+    return rig, pilot, rig.run(pilot, 1.5 if law != SAFE else 4.0)

@@ -6,18 +6,26 @@ differs only in that a law with a predictor foresees the height by itself.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from bench.force.laws import HOLD_N, KNOWN_K, AnyLaw, LawRunner, law_input, law_of
-from bench.force.measures import means
+from bench.force.laws import (
+    ADAPTIVE,
+    HOLD_N,
+    LOOPS_HZ,
+    AnyLaw,
+    LawRunner,
+    law_input,
+    law_of,
+    ours,
+    places_of,
+)
 from bench.force.requirements import requirement
 from bench.force.rig import ForceRig, LawSample, SceneSettings
-from bench.harness import CaseTable, Options, worst
-from bench.results import Row, Table, table
+from bench.harness import CaseTable, Options, Tables, grouped, worst
+from bench.results import Row
 from common.motion.convert import vec3
 from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
@@ -28,35 +36,25 @@ from services.regulator.pose_path import PosePath, path_start
 from tuning.gain_rule import tune
 
 SURFACES = ("plane", "cylinder", "hemisphere")
-SPEEDS_MM_S, STIFFNESSES_N_M, LOOPS_HZ = (5.0, 20.0, 50.0), (5e3, 2e4, 1e5), (250.0, 60.0, 30.0)
-TILT_DEG, RADIUS_M, DISC_RADIUS_M = 8.0, 0.08, 0.01
+SPEEDS_MM_S, STIFFNESSES_N_M = (5.0, 20.0, 50.0), (5e3, 2e4, 1e5)
+TILT_DEG, RADIUS_M = 8.0, 0.08
+ROUND = {"sim.radius_m": RADIUS_M, "sim.disc_radius_m": 0.01}
 LENGTH_M, POSES = 0.04, 25  # out, and back again
 OFF_M, OFF_RAD = (0.001, 0.001, 0.001), np.radians(2.0)  # of the program, at its start and about y
 ACCEL_M_S2 = 0.3
-PROMISED = (20.0, 2e4, 250.0)  # speed, stiffness and loop that are promised
+PROMISED: Row = {"law": ADAPTIVE, "speed_mm_s": 20.0, "stiffness_N_m": 2e4, "loop_hz": 250.0}
 MEAN_N, WORST_SHARE = 0.3, 2.0  # promised there
 REACHED_S, LONGEST_S, COUNTED_FROM_S = 2.0, 25.0, 1.0
 MOST_M_S = 0.15  # of force control and path together
 NO_GAINS = PiGains.of(tune(SceneSettings().cell()).gains)  # the path uses none
 PRESS_ONLY = (False, False, True, False, False, False)
-MEASURES = dict.fromkeys(("mean_error_N", "worst_press_share", "missed_mm", "aside_mm"), ".2f")
-
-
-@dataclass(frozen=True, slots=True)
-class PathCase:
-    """One law at a speed, on each surface."""
-
-    law: str
-    speed_mm_s: float
-    stiffness_N_m: float
-    loop_hz: float
+MEASURES = ("mean_error_N", "worst_press_share", "missed_mm", "aside_mm")
 
 
 class OnPath:
     """A law whose tool also moves along a path; without a path it only presses."""
 
     def __init__(self, law: AnyLaw, rig: ForceRig) -> None:
-        """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
         self.law, self._motion = law, start_at(rig.T_base_tcp)
         curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_limits(rig.cell))
         predicts = isinstance(law, LawRunner) and law.predicts
@@ -101,39 +99,38 @@ class OnPath:
         )
 
 
-def path_row(case: PathCase) -> Row:
+def path_row(case: Row) -> Row:
     """Return the worst of the surfaces."""
     found = [measures(case, surface) for surface in SURFACES]
-    return asdict(case) | {name: worst(each.get(name) for each in found) for name in MEASURES}
+    return case | {name: worst(each.get(name) for each in found) for name in MEASURES}
 
 
-def measures(case: PathCase, surface: str) -> Row:
+def measures(case: Row, surface: str) -> Row:
     """Return the measures on one surface; none where the end of the path was not reached."""
-    changes = (
-        ("sim.surface", surface),
-        ("sim.radius_m", RADIUS_M),
-        ("sim.disc_radius_m", DISC_RADIUS_M),
+    world = SceneSettings(
+        case["stiffness_N_m"],
+        10,
+        case["loop_hz"],
+        tilt_deg=TILT_DEG if surface == "plane" else 0.0,
+        overrides={"sim.surface": surface, **ROUND},
     )
-    tilt_deg = TILT_DEG if surface == "plane" else 0.0
-    k_N_m, hz = case.stiffness_N_m, case.loop_hz
-    world = SceneSettings(k_N_m, 10, hz, tilt_deg=tilt_deg, overrides=changes)
     rig = ForceRig(world.cell())
     rig.press(3.0)
-    pilot = OnPath(law_of(case.law, rig), rig)
-    rig.run(pilot, REACHED_S if case.law == "adaptive" else 2.0 * REACHED_S)
-    pilot.begin([*programmed(rig, surface)], case.speed_mm_s / 1e3)
+    pilot = OnPath(law_of(case["law"], rig), rig)
+    rig.run(pilot, REACHED_S if case["law"] == ADAPTIVE else 2.0 * REACHED_S)
+    pilot.begin([*programmed(rig, surface)], case["speed_mm_s"] / 1e3)
     trace = rig.run(pilot, 0.1)
     while pilot.path.pending and trace.t_s[-1] < LONGEST_S:
         rig.run(pilot, 0.1, trace)
     if pilot.path.pending:
         return {}
-    t, push = np.array(trace.t_s), np.array(trace.push_N)
+    counted = np.array(trace.t_s) >= COUNTED_FROM_S
     across_m = np.array([T.translation[1] for T in trace.T_base_tcp]) - rig.arm.plate.point_m[1]
     return {
-        "mean_error_N": float(np.abs(push[t >= COUNTED_FROM_S] - HOLD_N).mean()),
-        "worst_press_share": float(means(t, push).max()) / HOLD_N,
+        "mean_error_N": float(np.abs(trace.after(COUNTED_FROM_S) - HOLD_N).mean()),
+        "worst_press_share": float(trace.smooth_N.max()) / HOLD_N,
         "missed_mm": 1e3 * pilot.path.missed_m,
-        "aside_mm": 1e3 * float(np.abs(across_m[t >= COUNTED_FROM_S] - OFF_M[1]).max()),
+        "aside_mm": 1e3 * float(np.abs(across_m[counted] - OFF_M[1]).max()),
     }
 
 
@@ -157,40 +154,31 @@ def programmed(rig: ForceRig, surface: str) -> Iterator[pin.SE3]:
 
 
 ROWS = CaseTable(
-    {"law": "", "speed_mm_s": "g", "stiffness_N_m": "g", "loop_hz": "g", **MEASURES},
-    [
-        PathCase(law, *place)
-        for law, place in product(KNOWN_K, product(SPEEDS_MM_S, STIFFNESSES_N_M, LOOPS_HZ))
-        if law == "adaptive" or place[2] == LOOPS_HZ[0]
-    ],
+    places_of(speed_mm_s=SPEEDS_MM_S, stiffness_N_m=STIFFNESSES_N_M, loop_hz=LOOPS_HZ),
     path_row,
 )
 SHOWN = {"error_at_{:g}_N/m_N": "mean_error_N", "worst_press_at_{:g}_N/m": "worst_press_share"}
-PLACES = [name.format(k) for name in SHOWN for k in STIFFNESSES_N_M]
-ADAPTIVE = {"loop_hz": "g", "speed_mm_s": "g", **dict.fromkeys(PLACES, ".2f")}
-REQUIREMENT = {"quantity": "", "limit": "g", "worst_result": ".3g", "met": ""}
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Return our law at every place, the others where the loop is fast, and what is promised."""
-    promised = path_row(PathCase("adaptive", *PROMISED))
+    promised = path_row(PROMISED)
     limits = (("mean error, N", MEAN_N, "mean_error_N"),
               ("worst press / set point", WORST_SHARE, "worst_press_share"))  # fmt: skip
     required = [requirement(text, limit, promised[name]) for text, limit, name in limits]
     rows = ROWS.measured(options)
     return {
-        "requirements": table(REQUIREMENT, required),
-        "adaptive": table(ADAPTIVE, by_loop(rows)),
-        "rows": ROWS.stored(rows),
+        "requirements": required,
+        "adaptive": by_loop(rows),
+        "rows": rows,
     }
 
 
 def by_loop(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield mean error [N] and worst press of our law, a row for each loop and speed."""
-    ours = [row for row in rows if row["law"] == "adaptive"]
-    for hz, v in product(LOOPS_HZ, SPEEDS_MM_S):
-        these = [r for r in ours if (r["loop_hz"], r["speed_mm_s"]) == (hz, v)]
-        yield {"loop_hz": hz, "speed_mm_s": v} | {
+    by_rate = sorted(ours(rows), key=lambda row: -float(row["loop_hz"]))
+    for place, these in grouped(by_rate, "loop_hz", "speed_mm_s"):
+        yield place | {
             shown.format(row["stiffness_N_m"]): row[name]
             for row in these
             for shown, name in SHOWN.items()

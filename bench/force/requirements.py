@@ -1,22 +1,15 @@
 """Requirements on the adaptive law, checked against the rows of the bench. Pure."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf
-from typing import Any
 
 import numpy as np
 
-from bench.force.settle import BAND_N, KI_CAP, PRESS_N
+from bench.harness import worst
 from bench.results import Row
 
-COLUMNS = {
-    "group": "", "quantity": "", "limit": ".3g", "worst_result": ".3g", "where": "", "met": "",
-}  # fmt: skip
-CLOSEST = {"group": "", "met": "", "requirements": "d", "closest_to_its_limit": "",
-           "limit": ".3g", "worst_result": ".3g"}  # fmt: skip
 SLOW_LOOPS = ((60.0, 0.5, 0.35), (30.0, 0.8, 0.45), (15.0, 1.4, 0.65))  # Hz; first, identified [s]
 Rows = Mapping[str, Sequence[Row]]
-Value = str | Callable[[Row], float]
 
 
 def requirements(rows: Rows) -> list[Row]:
@@ -60,20 +53,15 @@ def requirement(quantity: str, limit: float, found: float, where: str = "") -> R
     }
 
 
-def _worst(quantity: str, limit: float, rows: Sequence[Row], value: Value) -> Iterator[Row]:
+def _worst(quantity: str, limit: float, rows: Sequence[Row], value: str) -> Iterator[Row]:
     """Yield a requirement on the largest value; nothing without rows."""
     if rows:
-        values = [_value(row, value) for row in rows]
+        values = [worst([row.get(value)]) for row in rows]
         row = rows[int(np.argmax(values))]
         delay = f", {row['delay_ms']} ms" if "delay_ms" in row else ""
         loop = f", {row['loop_hz']:.3g} Hz" if row.get("loop_hz", 250.0) != 250.0 else ""
         where = f"{row['stiffness_N_m']:g} N/m{delay}{loop}"
         yield requirement(quantity, limit, max(values), where)
-
-
-def _value(row: Row, value: Value) -> float:
-    found: Any = row.get(value) if isinstance(value, str) else value(row)
-    return inf if found is None else float(found)
 
 
 def _releases(rows: Sequence[Row]) -> Iterator[Row]:
@@ -100,11 +88,7 @@ def _releases(rows: Sequence[Row]) -> Iterator[Row]:
     text = "delay assumed 5 ms short, overshoot, % (bounded)"
     yield from _worst(text, 100.0, short, "overshoot_pct")
     text = "1e3 and 2e3 N/m, first, relative to 3.5/(k Ki_cap) + tau"
-    yield from _worst(text, 1.0, soft, lambda row: _value(row, "first_s") / _capped_s(row))
-
-
-def _capped_s(row: Row) -> float:
-    return 3.5 / (KI_CAP * float(row["stiffness_N_m"])) + float(row["tau_s"])
+    yield from _worst(text, 1.0, soft, "first_of_capped")
 
 
 def _slow(rows: Sequence[Row]) -> Iterator[Row]:
@@ -123,17 +107,12 @@ def _over_tcp(ours: Sequence[Row]) -> Iterator[Row]:
 
 
 def _limited(rows: Sequence[Row]) -> Iterator[Row]:
-    def part(row: Row) -> float:
-        approach_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
-        limited_s = approach_s + 5.0 * float(row["tau_s"])
-        return _value(row, "first_s") / max(limited_s, _capped_s(row))
-
     soft = [row for row in rows if row["stiffness_N_m"] < 5e3]
     stiff = [row for row in rows if row["stiffness_N_m"] >= 5e3]
-    yield from _worst("20 and 50 mm/s, first, relative to (F0 - 1)/(k vmax) + 5 tau", 1.0, stiff,
-                      part)  # fmt: skip
+    text = "20 and 50 mm/s, first, relative to (F0 - 1)/(k vmax) + 5 tau"
+    yield from _worst(text, 1.0, stiff, "first_of_limited")
     text = "20 and 50 mm/s at 1e3 N/m, relative to the longer of the two"
-    yield from _worst(text, 1.0, soft, part)
+    yield from _worst(text, 1.0, soft, "first_of_limited")
 
 
 def _scenes(ours: Rows) -> Iterator[Row]:
@@ -159,17 +138,15 @@ def _scenes(ours: Rows) -> Iterator[Row]:
         yield from _worst(text, limit_mm, walls, "travel_mm")
     yield from _worst("spikes, ripple, N rms", 0.1, of("spikes"), "ripple_N")
     text = "ten times stiffer, peak relative to its bound"
-    yield from _worst(text, 1.0, of("ten-times-stiffer"), lambda r: r["peak_N"] / r["peak_bound_N"])
+    yield from _worst(text, 1.0, of("ten-times-stiffer"), "peak_of_bound")
 
 
 def _peers(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield reciprocal speed ratios: met when ours is faster by the required factor."""
     limits = (("one setting for all", "one_setting", "first", 1 / 5.0, 1.0),
               ("tuned per scene", "tuned_here", "identified", 1 / 1.3, 1.1))  # fmt: skip
-    for text, theirs, ours, most_median, most in limits:
-        if not rows:
-            return
-        ratios = [_value(row, f"{theirs}_s") / _value(row, f"{ours}_s") for row in rows]
+    for text, theirs, ours, most_median, most in limits if rows else ():
+        ratios = [_speed_ratio(row, theirs, ours) for row in rows]
         row = rows[int(np.argmin(ratios))]
         where = f"{row['law']}, {row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms"
         median = 1 / float(np.median(ratios))
@@ -179,6 +156,9 @@ def _peers(rows: Sequence[Row]) -> Iterator[Row]:
 
 def _fixed(rows: Sequence[Row]) -> Iterator[Row]:
     for row in rows:
-        lead = _value(row, "fixed_s") / _value(row, "identified_s")
         text = "1 / speed ratio to a fixed gain safe at 1e5, at 5e3 N/m"
-        yield requirement(text, 1 / 12.0, 1 / lead)
+        yield requirement(text, 1 / 12.0, 1 / _speed_ratio(row, "fixed", "identified"))
+
+
+def _speed_ratio(row: Row, theirs: str, ours: str) -> float:
+    return worst([row.get(f"{theirs}_s")]) / worst([row.get(f"{ours}_s")])

@@ -4,7 +4,7 @@ No bus and no processes: a second of the cell takes a tenth of one. All componen
 force are those of the cell: physics, set-point path, sensor, filter, compensation, motion limits.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -29,6 +29,7 @@ from sim.robot.settings import TICK_S, SimSettings
 CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CHAIN_TICKS = 1  # from the sensor's sample to the arm's command
 STIFFEST_N_M = 2e5
+MEAN_S, BAND_N = 0.008, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class SceneSettings:
     seed: int = 0
     speed_m_s: float = 0.15
     accel_m_s2: float = 10.0
-    overrides: tuple[tuple[str, object], ...] = ()
+    overrides: Mapping[str, object] = field(default_factory=dict)  # keys of the cell file
 
     def cell(self) -> CellConfig:
         """Return the cell file of the benchmark: the demo's, at its own speed and delay."""
@@ -70,7 +71,7 @@ class SceneSettings:
             "sim.tool_mass_kg": self.tool_mass_kg,
             "sim.seed": self.seed,
         }
-        return load_cell(CELL, chosen | dict(self.overrides))
+        return load_cell(CELL, {**chosen, **self.overrides})
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +95,56 @@ class Pilot(Protocol):
 
 @dataclass(slots=True)
 class Trace:
-    """Recorded signals, one row per step of the law."""
+    """Recorded signals, one row per step of the law; means are over the last 8 ms."""
 
     t_s: list[float] = field(default_factory=list)
     force_N: list[Array] = field(default_factory=list)
-    torque_Nm: list[Array] = field(default_factory=list)
     T_base_tcp: list[pin.SE3] = field(default_factory=list)
     lift_off_m: list[float] = field(default_factory=list)
     push_N: list[float] = field(default_factory=list)  # back along the tool's axis
+
+    def add(self, t_s: float, sample: LawSample, lift_off_m: float) -> None:
+        """Add a step."""
+        self.t_s.append(t_s)
+        self.force_N.append(sample.force_N)
+        self.T_base_tcp.append(sample.T_base_tcp)
+        self.lift_off_m.append(lift_off_m)
+        self.push_N.append(-float(np.dot(sample.force_N, sample.T_base_tcp.rotation[:, 2])))
+
+    @property
+    def smooth_N(self) -> Array:
+        """Means of the push. Shape (n,)."""
+        return means(np.array(self.t_s), np.array(self.push_N))
+
+    def after(self, begin_s: float) -> Array:
+        """Return the push from a time on [N]. Shape (k,)."""
+        return np.array(self.push_N)[np.array(self.t_s) >= begin_s]
+
+    def settling_s(self, setpoint_N: float) -> float | None:
+        """Return the time from which the push stays within 1 N; None if it does not."""
+        return settling_s(np.array(self.t_s), np.array(self.push_N) - setpoint_N)
+
+
+def means(t_s: Array, values: Array) -> Array:
+    """Return each value averaged over the last few milliseconds. Shape (n,)."""
+    first = np.searchsorted(t_s, t_s - MEAN_S)
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    last = np.arange(1, len(t_s) + 1)
+    return np.asarray((total[last] - total[first]) / (last - first))
+
+
+def settling_s(t_s: Array, error_N: Array) -> float | None:
+    """Return the time from which an error stays within 1 N; None if it does not."""
+    outside = np.flatnonzero(np.abs(means(t_s, error_N)) > BAND_N)
+    if len(outside) == 0:
+        return 0.0
+    return None if outside[-1] + 1 >= len(t_s) else float(t_s[outside[-1] + 1])
 
 
 class ForceRig:
     """One arm, one plate, and the loop that moves the arm."""
 
     def __init__(self, cell: CellConfig) -> None:
-        """Start at the home pose above the plate."""
         if cell.sim is None:
             raise ValueError("the benchmark needs a simulated cell")
         self.cell = cell
@@ -118,12 +154,11 @@ class ForceRig:
             self.arm.kinematics, self.arm.q, stream_m_s=SPEED_MARGIN * cell.limits.speed_m_s
         )
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        sim = cell.sim
         self.payload = Payload(
-            mass_kg=sim.tool_mass_kg,
-            com_m=sim.tool_com_m,
-            bias_force_N=sim.bias_force_N,
-            bias_torque_Nm=sim.bias_torque_Nm,
+            mass_kg=cell.sim.tool_mass_kg,
+            com_m=cell.sim.tool_com_m,
+            bias_force_N=cell.sim.bias_force_N,
+            bias_torque_Nm=cell.sim.bias_torque_Nm,
             gravity_direction_in_base=cell.gravity_direction_in_base,
         )
         self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
@@ -134,7 +169,7 @@ class ForceRig:
         self._pace: CommandedMotion = at_rest(self.arm.T_base_flange)
         self._in_transit: list[tuple[int, pin.SE3]] = []
         self._limited = False
-        self.every_tick: Callable[[ForceRig], None] = _nothing
+        self.every_tick: Callable[[ForceRig], object] = lambda _: None
         for _ in range(30):
             self._tick()
 
@@ -182,36 +217,29 @@ class ForceRig:
         trace = trace or Trace()
         first_s = trace.t_s[-1] + self._law_ticks * TICK_S if trace.t_s else 0.0
         for number in range(round(duration_s / TICK_S / self._law_ticks)):
-            self._steer(pilot)
-            self._write(trace, first_s + number * self._law_ticks * TICK_S)
+            sample = self._sample()
+            self._command(pilot.step(sample))
+            trace.add(first_s + number * self._law_ticks * TICK_S, sample, self.arm.lift_off_m)
             for _ in range(self._law_ticks):
                 self._tick()
         return trace
 
-    def _steer(self, pilot: Pilot) -> None:
-        wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
-        T_let_through = self.T_base_tcp
-        law_sample = LawSample(
+    def _sample(self) -> LawSample:
+        wrench = self.wrench()
+        return LawSample(
             np.array(wrench.force_N),
             np.array(wrench.torque_Nm),
             self.arm.T_base_tcp,
-            T_let_through,
+            self.T_base_tcp,
             self._limited,
-            dt_s,
+            self._law_ticks * TICK_S,
         )
-        T_target = pilot.step(law_sample) * self._T_flange_tcp.inverse()
-        self._pace = limit_motion(self._limits, self._pace, T_target, dt_s)
+
+    def _command(self, T_base_tcp: pin.SE3) -> None:
+        T_target = T_base_tcp * self._T_flange_tcp.inverse()
+        self._pace = limit_motion(self._limits, self._pace, T_target, self._law_ticks * TICK_S)
         self._limited = self._pace.lags
         self._in_transit.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
-
-    def _write(self, trace: Trace, t_s: float) -> None:
-        wrench, T = self.wrench(), self.arm.T_base_tcp
-        trace.t_s.append(t_s)
-        trace.force_N.append(np.array(wrench.force_N))
-        trace.torque_Nm.append(np.array(wrench.torque_Nm))
-        trace.T_base_tcp.append(T)
-        trace.lift_off_m.append(self.arm.lift_off_m)
-        trace.push_N.append(-float(np.dot(wrench.force_N, T.rotation[:, 2])))
 
     def _tick(self) -> None:
         while self._in_transit and self._in_transit[0][0] <= self.arm.ticks:
@@ -227,7 +255,3 @@ class ForceRig:
                 self._check.fault_of(reading, dt_s)
                 if self._check.accepted:
                     self._filter.feed(reading, dt_s)
-
-
-def _nothing(_: ForceRig) -> None:
-    """Do nothing: default of `every_tick`."""

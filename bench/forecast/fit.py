@@ -5,7 +5,7 @@ packaged tuning/force_map.json; this one is compared with it and put in its plac
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -91,19 +91,12 @@ def in_measured_range(cell: CellConfig, job: DrawnJob) -> bool:
 
 def law_map(measured: Sequence[Measured]) -> dict[str, Any]:
     """Return the map of one law as a tree for JSON."""
-    values = [each.values for each in measured]
-    ranges = {
-        name: [
-            rounded(min(v[name] for v in values) / EDGE),
-            rounded(max(v[name] for v in values) * EDGE),
-        ]
-        for name in (*RANGED, *SURFACE)
-    }
-    return {
-        "jobs": len(measured),
-        "ranges": ranges,
-        "fits": {n: fit(measured, n) for n in FEATURES},
-    }
+    ranges = {}
+    for name in (*RANGED, *SURFACE):
+        values = [each.values[name] for each in measured]
+        ranges[name] = rounded([min(values) / EDGE, max(values) * EDGE])
+    fits = {name: fit(measured, name) for name in FEATURES}
+    return {"jobs": len(measured), "ranges": ranges, "fits": fits}
 
 
 def fit(measured: Sequence[Measured], quantity: str) -> dict[str, Any]:
@@ -118,14 +111,14 @@ def fit(measured: Sequence[Measured], quantity: str) -> dict[str, Any]:
     design = terms((rows - centre) / scale)
     misses = np.abs(cross_validated(design, ratio))
     width = min(max(float(np.quantile(misses, SHARE)), NARROWEST), WIDEST)
-    coefficients = solved(design, ratio)
+    width_, contained = rounded([width, (misses <= width).mean()])
     return {
         "features": list(names),
-        "centre": [rounded(value) for value in centre],
-        "scale": [rounded(value) for value in scale],
-        "coefficients": [rounded(value) for value in coefficients],
-        "width": rounded(width),
-        "contained": rounded(float((misses <= width).mean())),
+        "centre": rounded(centre),
+        "scale": rounded(scale),
+        "coefficients": rounded(solved(design, ratio)),
+        "width": width_,
+        "contained": contained,
     }
 
 
@@ -156,9 +149,9 @@ def solved(design: Array, ratio: Array) -> Array:
     return np.asarray(found)
 
 
-def rounded(value: float) -> float:
-    """Return a number with the digits of the file."""
-    return float(f"{value:.{DIGITS}g}")
+def rounded(values: Iterable[float]) -> list[float]:
+    """Return numbers with the digits of the file."""
+    return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
 def force_map(pool: Executor) -> dict[str, Any]:

@@ -5,23 +5,21 @@ a tool that is fed across it. The rig is that of the force benchmark: real law, 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from math import inf
 
 import numpy as np
 
 from bench.force.laws import LawRunner
-from bench.force.measures import means
-from bench.force.rig import CELL, ForceRig, Trace
+from bench.force.rig import ForceRig, SceneSettings, Trace
+from bench.force.settle import is_steady
 from common.config.cell import CellConfig
-from common.config.load import load_cell
 from tuning.gain_rule import tune
 
 LAWS = ("adaptive", "plain")
 GAP_M = 0.0005
 TOUCH_N = 1.0  # mean force of the first touch
-BAND_N = 1.0  # of settling
 CHUNK_S, REST_S = 0.1, 0.5  # a press has settled after so long within 0.8 of the band
 LONGEST_S = 15.0
 SLOPE_DEG = 10.0
@@ -50,34 +48,28 @@ class DrawnJob:
     def cell(self) -> CellConfig:
         """Return the cell file of the job: the demo's, with these values."""
         loop_hz, stiffest = 1e3 / self.period_ms, self.stiffness_N_m * self.stiffest_ratio
-        chosen: dict[str, object] = {
-            "rates.control_hz": loop_hz,
+        overrides = {
             "rates.robot_hz": loop_hz,
-            "rates.sensor_hz": 1000.0,
-            "robot.delay_s": self.delay_ms / 1e3,
-            "force.chain_s": 0.001,
+            "filter.median": 3,
             "force.law": self.law,
-            "force.speed_max_m_s": self.speed_max_m_s,
             "force.approach_m_s": 1e-4,
             "contact.stiffness_N_m": stiffest,
             "contact.inertia_kg": self.tool_mass_kg + SENSED_KG,
-            "limits.accel_m_s2": self.accel_m_s2,
-            "limits.force_N": 500.0,
-            "sensor.force_range_N": 600.0,
-            "sim.stiffness_N_m": self.stiffness_N_m,
-            "sim.delay_s": self.delay_ms / 1e3,
-            "sim.gap_m": GAP_M,
-            "sim.tool_mass_kg": self.tool_mass_kg,
-            "sim.seed": self.seed,
         }
-        slow = load_cell(CELL, chosen)
-        fastest_m_s = min(0.01, 5.0 / (stiffest * slow.loop_delay_s))
-        return load_cell(CELL, chosen | {"force.approach_m_s": self.approach_share * fastest_m_s})
-
-    @property
-    def normal_m_s(self) -> float:
-        """Speed of the surface along its normal [m/s]."""
-        return self.feed_m_s * float(np.tan(np.radians(SLOPE_DEG)))
+        world = SceneSettings(
+            self.stiffness_N_m,
+            self.delay_ms,
+            loop_hz,
+            gap_m=GAP_M,
+            tool_mass_kg=self.tool_mass_kg,
+            seed=self.seed,
+            speed_m_s=self.speed_max_m_s,
+            accel_m_s2=self.accel_m_s2,
+            overrides=overrides,
+        )
+        fastest_m_s = min(0.01, 5.0 / (stiffest * world.cell().loop_delay_s))
+        approach = {"force.approach_m_s": self.approach_share * fastest_m_s}
+        return replace(world, overrides=overrides | approach).cell()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,39 +115,30 @@ def run(job: DrawnJob) -> Happened:
     rig = ForceRig(job.cell())
     pilot = LawRunner(rig, job.law)
     pilot.setpoint_N = job.setpoint_N
-    pressed = _press(rig, pilot, job.setpoint_N)
-    t, push = np.array(pressed.t_s), np.array(pressed.push_N)
-    smooth = means(t, push)
-    first = int(np.argmax(smooth > TOUCH_N))
-    outside = np.flatnonzero(np.abs(smooth - job.setpoint_N) > BAND_N)
-    has_settled = smooth[first] > TOUCH_N and outside[-1] + 1 < len(t)
-    settling_s = float(t[outside[-1] + 1] - t[first]) if has_settled else inf
-    peak_N = float(smooth[first:].max())
-    return Happened(settling_s, peak_N, _follow(rig, pilot, job))
-
-
-def _press(rig: ForceRig, pilot: LawRunner, setpoint_N: float) -> Trace:
-    """Approach and press until the force has been near its set point for a while."""
-    trace = Trace()
-    while not trace.t_s or trace.t_s[-1] < LONGEST_S:
-        rig.run(pilot, CHUNK_S, trace)
-        late = np.array(trace.push_N)[np.array(trace.t_s) > trace.t_s[-1] - REST_S]
-        if trace.t_s[-1] > REST_S and np.abs(late - setpoint_N).max() < 0.8 * BAND_N:
+    pressed = Trace()
+    while not pressed.t_s or pressed.t_s[-1] < LONGEST_S:
+        rig.run(pilot, CHUNK_S, pressed)
+        if pressed.t_s[-1] > REST_S and is_steady(pressed, job.setpoint_N, REST_S):
             break
-    return trace
+    first = int(np.argmax(pressed.smooth_N > TOUCH_N))
+    settled_s = pressed.settling_s(job.setpoint_N)
+    if settled_s is None or pressed.smooth_N[first] <= TOUCH_N:
+        settled_s = inf
+    peak_N = float(pressed.smooth_N[first:].max())
+    return Happened(settled_s - pressed.t_s[first], peak_N, _follow(rig, pilot, job))
 
 
 def _follow(rig: ForceRig, pilot: LawRunner, job: DrawnJob) -> float:
     """Return the largest error of the force on the slope [N]."""
     rest_m, start = rig.arm.plate.point_m.copy(), rig.arm.ticks
+    speed_m_s = job.feed_m_s * float(np.tan(np.radians(SLOPE_DEG)))
 
     def rise(rig: ForceRig) -> None:
-        up_m = job.normal_m_s * (rig.arm.ticks - start) * 1e-3
+        up_m = speed_m_s * (rig.arm.ticks - start) * 1e-3
         rig.arm.plate.point_m = rest_m + np.array([0.0, 0.0, up_m])
 
     rig.every_tick = rise
     gain = tune(rig.cell).force_i_m_per_Ns
     plain_s = FOLLOW_TIME_CONSTANTS / (gain * job.stiffness_N_m)
     followed = rig.run(pilot, FOLLOW_S + (plain_s if job.law == "plain" else 0.0))
-    error_N = means(np.array(followed.t_s), np.array(followed.push_N)) - job.setpoint_N
-    return float(np.abs(error_N).max())
+    return float(np.abs(followed.smooth_N - job.setpoint_N).max())

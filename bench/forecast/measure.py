@@ -2,14 +2,15 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
 from statistics import median
 
 from bench.forecast.fit import force_job
 from bench.forecast.jobs import LAWS, DrawnJob, Happened, drawn, run
-from bench.harness import QUICK_STEP, Options
-from bench.results import Row, Table, table
+from bench.harness import QUICK_STEP, Options, Tables
+from bench.results import Row
 from forcemesh.errors import DataError
 from tuning.force_map import Interval
 from tuning.forecast import ForceForecast, forecast
@@ -22,14 +23,6 @@ QUANTITIES = {
     "follow_error_N": "largest error on the slope",
 }
 NUMBER = re.compile(r"\d[\d.]*(?:e[+-]\d+)?")
-SHARES = {
-    "law": "", "quantity": "", "jobs": "d", "contained_pct": ".1f", "least_pct": "g", "met": "",
-    "median_high_to_low": ".2f", "largest_high_to_low": ".2f",
-}  # fmt: skip
-MISSED = {
-    "law": "", "stiffness_N_m": ".3g", "delay_ms": "g", "loop_hz": ".0f", "setpoint_N": ".1f",
-    "feed_mm_s": ".0f", "quantity": "", "low": ".3g", "high": ".3g", "happened": ".3g",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,53 +38,42 @@ class Compared:
         found: Interval = getattr(self.forecast, quantity)
         return found
 
-    def contains(self, quantity: str) -> bool:
-        """Return whether the forecast of a quantity contains what happened."""
-        return self.interval(quantity).contains(getattr(self.happened, quantity))
-
-    @property
-    def contains_all(self) -> bool:
-        """Whether each of its forecasts does."""
-        return all(map(self.contains, QUANTITIES))
+    def contains(self, *quantities: str) -> bool:
+        """Return whether the forecasts of quantities contain what happened."""
+        return all(
+            self.interval(name).contains(getattr(self.happened, name)) for name in quantities
+        )
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """Jobs with a forecast of each quantity, and why others were not forecast."""
-
-    jobs: list[tuple[DrawnJob, ForceForecast]]
-    refused: list[str]
-
-
-def forecast_jobs(count: int, seed: int) -> Drawn:
-    """Draw jobs until so many have a forecast of each quantity."""
-    found = Drawn([], [])
+def forecast_jobs(count: int, seed: int) -> tuple[list[tuple[DrawnJob, ForceForecast]], list[str]]:
+    """Draw jobs until so many have a forecast of each quantity; return why others have none."""
+    jobs, refused = list[tuple[DrawnJob, ForceForecast]](), list[str]()
     for job in drawn(LAWS, seed):
         try:
-            forecast_ = forecast(job.cell(), force_job(job))
+            found = forecast(job.cell(), force_job(job))
         except DataError as error:
-            found.refused.append(str(error))
+            refused.append(str(error))
             continue
-        if forecast_.not_followed:
-            found.refused.append(forecast_.not_followed)
+        if found.not_followed:
+            refused.append(found.not_followed)
             continue
-        found.jobs.append((job, forecast_))
-        if len(found.jobs) == count:
+        jobs.append((job, found))
+        if len(jobs) == count:
             break
-    return found
+    return jobs, refused
 
 
-def measure(options: Options) -> dict[str, Table]:
+def measure(options: Options) -> Tables:
     """Run the drawn jobs."""
-    draw = forecast_jobs(JOBS // QUICK_STEP if options.quick else JOBS, JOBS_SEED)
-    happened = options.pool.map(run, [job for job, _ in draw.jobs], chunksize=4)
-    rows = [Compared(*pair, each) for pair, each in zip(draw.jobs, happened, strict=True)]
-    kinds = Counter(NUMBER.sub("x", text).split(":")[0] for text in draw.refused)
-    refused = [{"reason": reason, "draws": count} for reason, count in kinds.most_common()]
+    jobs, refused = forecast_jobs(JOBS // QUICK_STEP if options.quick else JOBS, JOBS_SEED)
+    happened = options.pool.map(run, [job for job, _ in jobs], chunksize=4)
+    rows = [Compared(*pair, each) for pair, each in zip(jobs, happened, strict=True)]
+    kinds = Counter(NUMBER.sub("x", text).split(":")[0] for text in refused)
+    reasons = [{"reason": reason, "draws": count} for reason, count in kinds.most_common()]
     return {
-        "shares": table(SHARES, shares(rows)),
-        "refused": table({"reason": "", "draws": "d"}, refused),
-        "missed": table(MISSED, missed(rows)),
+        "shares": shares(rows),
+        "refused": reasons,
+        "missed": missed(rows),
     }
 
 
@@ -103,39 +85,30 @@ def shares(rows: Sequence[Compared]) -> Iterator[Row]:
             intervals = [row.interval(quantity) for row in these]
             widths = [interval.high / interval.low for interval in intervals]
             yield {
-                "law": law,
-                "quantity": name,
-                "jobs": len(these),
-                "contained_pct": 100.0 * contained_share(these, quantity),
+                **contained(law, name, these, (quantity,)),
                 "median_high_to_low": median(widths),
                 "largest_high_to_low": max(widths),
             }
-        pct = 100.0 * contained_share(these)
-        required = {"least_pct": LEAST_CONTAINED_PCT, "met": pct >= LEAST_CONTAINED_PCT}
-        each = {"law": law, "quantity": "each of them", "jobs": len(these), "contained_pct": pct}
-        yield each | (required if law == "all" else {})
+        every = contained(law, "each of them", these, QUANTITIES)
+        is_met = every["contained_pct"] >= LEAST_CONTAINED_PCT
+        yield every | ({"least_pct": LEAST_CONTAINED_PCT, "met": is_met} if law == "all" else {})
 
 
-def contained_share(rows: Sequence[Compared], quantity: str = "") -> float:
-    """Return the share of jobs whose forecast of a quantity, or of each, contains what happened."""
-    return sum(r.contains(quantity) if quantity else r.contains_all for r in rows) / len(rows)
+def contained(law: str, name: str, rows: Sequence[Compared], quantities: Iterable[str]) -> Row:
+    """Return the share of jobs whose forecasts of these quantities contain what happened."""
+    pct = 100.0 * sum(row.contains(*quantities) for row in rows) / len(rows)
+    return {"law": law, "quantity": name, "jobs": len(rows), "contained_pct": pct}
 
 
 def missed(rows: Sequence[Compared]) -> Iterator[Row]:
     """Yield the forecasts that do not contain what happened."""
-    for row in rows:
-        for quantity, name in QUANTITIES.items():
-            if not row.contains(quantity):
-                job, interval = row.job, row.interval(quantity)
-                yield {
-                    "law": job.law,
-                    "stiffness_N_m": job.stiffness_N_m,
-                    "delay_ms": job.delay_ms,
-                    "loop_hz": 1e3 / job.period_ms,
-                    "setpoint_N": job.setpoint_N,
-                    "feed_mm_s": 1e3 * job.feed_m_s,
-                    "quantity": name,
-                    "low": interval.low,
-                    "high": interval.high,
-                    "happened": getattr(row.happened, quantity),
-                }
+    for row, quantity in product(rows, QUANTITIES):
+        if not row.contains(quantity):
+            yield {
+                **asdict(row.job),
+                "loop_hz": 1e3 / row.job.period_ms,
+                "feed_mm_s": 1e3 * row.job.feed_m_s,
+                "quantity": QUANTITIES[quantity],
+                **asdict(row.interval(quantity)),
+                "happened": getattr(row.happened, quantity),
+            }

@@ -9,12 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tests.chaos.cases import CELLS, Case, CellName, matrix, named, one_of_each_kind
-from tests.chaos.journal import Journal
 from tests.chaos.memory import limit_file
-from tests.chaos.outcome import violations
-from tests.chaos.page import PAGE, page
-from tests.chaos.run import CaseRunner, Report
-from tests.chaos.table import rows
+from tests.chaos.outcome import Journal, Report, violations
+from tests.chaos.run import CaseRunner
+from tests.chaos.table import PAGE, page, rows
 from tools.figures import as_block_page
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,23 +12,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from common.config.cell import CellConfig
-from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
-from forcemesh.errors import ForcemeshError
 from launch.processes import processes_of
-from launch.started_process import ProcessSpec
-from sim.robot.trace import VARIABLE as TRACE
-from tests.chaos.common_net import CellUnderTest, child, free_port, make_cell, running_cell, table
+from tests.chaos.common_net import CellUnderTest, environment, make_cell, run_guarded, table
 from tests.chaos.network_judge import GroundTruthTrace
 from tests.chaos.network_lab import CANNOT_RUN
-from tests.chaos.network_play import environment
-from tests.chaos.witness import STALL_S, Witness, witness
+from tests.chaos.network_trials import observed_cell
+from tests.chaos.witness import STALL_S, Witness
 
 PRESS_N = 10.0
 SETTLE_S, WATCH_S = 2.0, 2.0
@@ -39,28 +35,9 @@ JUMPED_M_S = 0.02  # above the speed of a pressing flange
 LIBRARY = "libforcemesh-wall-clock.so"
 SOURCE = Path(__file__).with_name("clocks_wall.c")
 SHIFT = struct.Struct("@l")  # format of the file that the library maps
+Row = tuple[str, ...]
+OK = "ok"
 HEAD = ("clock", "proof", "outcome", "force N", "fastest mm/s", "witness ms", "")
-
-
-@dataclass(frozen=True, slots=True)
-class ClockCase:
-    """One clock fault and its outcome."""
-
-    clock: str
-    proof: str
-    outcome: str
-    force_N: float
-    fastest_m_s: float
-    witness_s: float
-    mistakes: tuple[str, ...]
-
-    def cells(self) -> tuple[object, ...]:
-        """Return the cells of a table row."""
-        return (
-            self.clock, self.proof, self.outcome, f"{self.force_N:.1f}",
-            f"{self.fastest_m_s * 1e3:.1f}", f"{self.witness_s * 1e3:.0f}",
-            "; ".join(self.mistakes) or "ok",
-        )  # fmt: skip
 
 
 def why_not() -> str:
@@ -84,59 +61,45 @@ class ClockFaultObserver:
         time.sleep(SETTLE_S)
         self._mark, self._began_ns = truth.mark(), time.monotonic_ns()
 
-    def result(self, clock: str, proof: str) -> ClockCase:
-        """Observe the cell for a while; return the outcome."""
+    def result(self, clock: str, proof: str) -> Row:
+        """Observe the cell for a while; return a row of the table."""
         time.sleep(WATCH_S)
-        cell, mistakes = self.cell, []
+        cell = self.cell
         _, speeds = self._truth.speeds(self._mark)
         fastest_m_s = float(speeds.max(initial=0.0))
         idle_s = self._idle.worst_s(self._began_ns, time.monotonic_ns())
-        force_N, causes = cell.force_N, cell.causes()
-        on = cell.state == "ACTIVE"
-        if not proof:
-            mistakes.append("the clock did not move")
-        if fastest_m_s > JUMPED_M_S:
-            mistakes.append("the arm jumped")
-        if on and abs(force_N - PRESS_N) > 2.0:
-            mistakes.append("the force is another one")
-        if not on and not causes:
-            mistakes.append("held without a name for it")
-        if not on and idle_s < STALL_S:
-            mistakes.append(f"held: {causes}")
+        force_N, causes, on = cell.force_N, cell.causes(), cell.state == "ACTIVE"
+        rules = (
+            (not proof, "the clock did not move"),
+            (fastest_m_s > JUMPED_M_S, "the arm jumped"),
+            (on and abs(force_N - PRESS_N) > 2.0, "the force is another one"),
+            (not on and not causes, "held without a name for it"),
+            (not on and idle_s < STALL_S, f"held: {causes}"),
+        )
         outcome = "no effect" if on else f"held: {causes}"
-        return ClockCase(clock, proof, outcome, force_N, fastest_m_s, idle_s, tuple(mistakes))
+        numbers = (f"{force_N:.1f}", f"{fastest_m_s * 1e3:.1f}", f"{idle_s * 1e3:.0f}")
+        mistakes = "; ".join(text for broken, text in rules if broken)
+        return clock, proof, outcome, *numbers, mistakes or OK
 
 
-def pressing(
-    exits: ExitStack, processes: Sequence[ProcessSpec], cell: CellConfig, path: Path
-) -> ClockFaultObserver:
-    """Start a cell and let it press."""
-    trace = path.parent / "trace.bin"
-    exits.enter_context(environment(TRACE, str(trace)))
-    idle = exits.enter_context(witness(path.parent))
-    return ClockFaultObserver(
-        exits.enter_context(running_cell(cell, path, processes)), GroundTruthTrace(trace), idle
-    )
+def new_cell(exits: ExitStack, name: str) -> tuple[CellConfig, Path]:
+    """Write the demo cell under a separate name into a folder of its own."""
+    folder = exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-"))
+    return make_cell("demo", Path(folder), {"cell": name})
 
 
-def new_cell(folder: Path, name: str) -> tuple[CellConfig, Path]:
-    """Write the demo cell under a separate name."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    return make_cell("demo", folder, {"cell": name, "bus.endpoint": endpoint})
-
-
-def wall_clock_jumps() -> Iterator[ClockCase]:
+def wall_clock_jumps() -> Iterator[Row]:
     """Step the wall clock of every process of the cell, both directions, while it presses."""
     with ExitStack() as exits:
-        folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
-        shift, library = folder / "shift", folder / LIBRARY
+        cell, path = new_cell(exits, "wall-clock")
+        shift, library = path.with_name("shift"), path.with_name(LIBRARY)
         shift.write_bytes(SHIFT.pack(0))
         build = (str(shutil.which("cc")), "-shared", "-fPIC", "-O1", "-o", str(library))
         subprocess.run([*build, str(SOURCE)], check=True)
-        exits.enter_context(environment("FORCEMESH_WALL_SHIFT", str(shift)))
-        exits.enter_context(environment("LD_PRELOAD", str(library)))
-        cell, path = new_cell(folder, "wall-clock")
-        watch = pressing(exits, processes_of(cell), cell, path)
+        preloaded = environment(FORCEMESH_WALL_SHIFT=str(shift), LD_PRELOAD=str(library))
+        exits.enter_context(preloaded)
+        observed = exits.enter_context(observed_cell(cell, path, processes_of(cell)))
+        watch = ClockFaultObserver(*observed)
         for jump_s in JUMPS_S:
             with shift.open("r+b") as file:  # in place: the file is memory-mapped
                 file.write(SHIFT.pack(jump_s))
@@ -147,32 +110,25 @@ def _shifted_by(jump_s: int, watch: ClockFaultObserver) -> str:
     """Verify that every process has the library loaded and that a probe process sees the step."""
     pids = set(watch.cell.pids().values())
     maps = [Path(f"/proc/{pid}/maps").read_text(encoding="utf-8") for pid in pids]
-    with child("tests.chaos.clocks_probe") as probe:
-        probe_s = float((probe.stdout.readline() if probe.stdout else "") or "nan")
-    offset_s = probe_s - time.time()
+    probe = (sys.executable, "-I", "-S", "-c", "import time; print(time.time())")
+    done = subprocess.run(probe, capture_output=True, text=True, check=True)
+    offset_s = float(done.stdout) - time.time()
     whole = len(pids) >= len(ROLES) and all(LIBRARY in each for each in maps)
-    return (
-        f"{len(pids)} processes, {offset_s:+.0f} s" if whole and abs(offset_s - jump_s) < 5 else ""
-    )
+    is_shifted = whole and abs(offset_s - jump_s) < 5
+    return f"{len(pids)} processes, {offset_s:+.0f} s" if is_shifted else ""
 
 
-def monotonic_differs(role: str) -> ClockCase:
+def monotonic_differs(role: str) -> Row:
     """Run one process with a monotonic clock far ahead of the others."""
     with ExitStack() as exits:
-        folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
-        cell, path = new_cell(folder, f"clock-{role}")
+        cell, path = new_cell(exits, f"clock-{role}")
         ahead = (str(shutil.which("unshare")), "--time", "--monotonic", str(AHEAD_S),
-                 "--kill-child", "--fork")  # fmt: skip
-        processes = [
-            replace(
-                process,
-                argv=(*ahead, sys.executable, "-m", process.module, "--cell", str(path)),
-            )
-            if process.name == role
-            else process
-            for process in processes_of(cell)
-        ]
-        watch = pressing(exits, processes, cell, path)
+                 "--kill-child", "--fork", sys.executable, "-m")  # fmt: skip
+        processes = {process.name: process for process in processes_of(cell)}
+        argv = (*ahead, processes[role].module, "--cell", str(path))
+        processes[role] = replace(processes[role], argv=argv)
+        observed = exits.enter_context(observed_cell(cell, path, [*processes.values()]))
+        watch = ClockFaultObserver(*observed)
         pid = watch.cell.pids().get(role, os.getpid())
         own = Path(f"/proc/{pid}/ns/time").readlink() != Path("/proc/self/ns/time").readlink()
         return watch.result(f"{role} {AHEAD_S:+d} s", "own time namespace" if own else "")
@@ -186,17 +142,15 @@ def main() -> int:
     if reason := why_not():
         print(f"NOTHING WAS TESTED: {reason}", file=sys.stderr)
         return CANNOT_RUN
-    take_realtime_priority()
-    cases: list[ClockCase] = []
-    try:
-        if only in (None, "jump"):
-            cases += wall_clock_jumps()
-        cases += [monotonic_differs(role) for role in ROLES if only in (None, role)]
-    except ForcemeshError as error:
-        print(f"the harness failed: {error}", file=sys.stderr)
-        return 1
-    print(table("Clocks that jump or differ", HEAD, [case.cells() for case in cases]))
-    return 1 if any(case.mistakes for case in cases) else 0
+    return run_guarded(lambda: play(only))
+
+
+def play(only: str | None) -> int:
+    """Run the cases, print the table, return the exit code."""
+    rows = [*wall_clock_jumps()] if only in (None, "jump") else []
+    rows += [monotonic_differs(role) for role in ROLES if only in (None, role)]
+    print(table("Clocks that jump or differ", HEAD, rows))
+    return 1 if any(row[-1] != OK for row in rows) else 0
 
 
 if __name__ == "__main__":

@@ -20,13 +20,11 @@ from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
+from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import (
-    ArbiterStatus,
-    RobotState,
-)
+from forcemesh.messages import ArbiterStatus, RobotState
 from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 from forcemesh.topics import Q, Request
 from launch.processes import Supervisor
@@ -58,8 +56,9 @@ def free_port() -> int:
 def make_cell(
     template: str, folder: Path, overrides: Mapping[str, object]
 ) -> tuple[CellConfig, Path]:
-    """Write a cell file with overrides; return the cell and its file."""
-    cell = load_cell(ROOT / "cells" / f"{template}.yaml", dict(overrides))
+    """Write a cell file with overrides, its hub on a free port; return the cell and its file."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    cell = load_cell(ROOT / "cells" / f"{template}.yaml", {"bus.endpoint": endpoint, **overrides})
     path = folder / "cell.yaml"
     path.write_text(dump_cell(cell), encoding="utf-8")
     return cell, path
@@ -139,13 +138,7 @@ class CellUnderTest:
         began_s = time.monotonic()
         while not what():
             if time.monotonic() >= began_s + within_s:
-                latest = self.status
-                text = (
-                    "silent"
-                    if latest is None
-                    else f"{latest.state} {latest.trips} {latest.not_ready}"
-                )
-                raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {text}")
+                raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {self.status}")
             time.sleep(self.poll_s)
         return time.monotonic() - began_s
 
@@ -189,10 +182,7 @@ class CellUnderTest:
     def move_to(self, z_m: float, speed_m_s: float) -> None:
         """Start a linear move of the flange to a height."""
         self.until(lambda: self.robot is not None, "a robot state")
-        robot = self.robot
-        if robot is None:
-            raise HarnessError("the robot state has expired")
-        T = pose_of(robot)
+        T = pose_of(self.last_robot)
         T.translation = np.array([T.translation[0], T.translation[1], z_m])
         move = MoveRequest(kind="pose", pose=record_of(T), speed_m_s=speed_m_s)
         self.insist(topics.MOVE, move, within_s=5.0)
@@ -200,8 +190,7 @@ class CellUnderTest:
     def height_m(self) -> float:
         """Return the measured height of the flange [m]."""
         self.until(lambda: self.robot is not None, "a robot state")
-        robot = self.robot
-        return float("nan") if robot is None else robot.position_m[2]
+        return self.last_robot.position_m[2]
 
 
 @contextmanager
@@ -209,13 +198,28 @@ def running_cell(
     cell: CellConfig, path: Path, processes: Sequence[ProcessSpec] | None = None
 ) -> Iterator[CellUnderTest]:
     """Start all processes of a cell, wait until they are ready, always stop them."""
-    os.environ[RUN_FOLDER] = str(path.parent)
     with ExitStack() as exits:
+        exits.enter_context(environment(**{RUN_FOLDER: str(path.parent)}))
         supervisor = Supervisor(cell, path, processes=processes, write_line=log_to(path.parent))
         exits.enter_context(supervisor)
         supervisor.wait_ready(PATIENCE_S)
         client = exits.enter_context(open_bus(cell, topics.CLIENT))
         yield CellUnderTest(cell, client)
+
+
+@contextmanager
+def environment(**variables: str) -> Iterator[None]:
+    """Set environment variables for processes started in the block."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def log_to(folder: Path) -> Callable[[str, str], None]:
@@ -248,6 +252,16 @@ def child(*words: object, patience_s: float = 5.0) -> Iterator[subprocess.Popen[
             process.wait()
         if process.stdout is not None:
             process.stdout.close()
+
+
+def run_guarded(main: Callable[[], int]) -> int:
+    """Run a harness at real-time priority, for accurate times; return its exit code."""
+    take_realtime_priority()
+    try:
+        return main()
+    except ForcemeshError as error:
+        print(f"the harness failed: {error}", file=sys.stderr)
+        return 1
 
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -18,22 +18,21 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import ForcemeshError
 from forcemesh.messages import Health
 from tests.chaos.common_net import (
     POLL_S,
     CellUnderTest,
     HarnessError,
     child,
-    free_port,
     make_cell,
+    run_guarded,
     running_cell,
     table,
 )
 from tests.chaos.flood_peer import MIXES
+from tests.chaos.injector import state_of
 from tests.chaos.witness import Witness, witness
 
 PRESS_N = 10.0
@@ -94,18 +93,26 @@ class Phase:
 
     def rows(self) -> list[tuple[object, ...]]:
         """Return the rows of the table."""
-        return [
-            (
-                self.name,
-                loop.role,
-                f"{loop.gap_s * 1e3:.1f}",
-                loop.overdue,
-                f"{loop.put_s * 1e3:.2f}",
-                f"{self.witness_s * 1e3:.1f}",
-                "ok" if not (loop.overdue or loop.slow_puts) else "LATE",
+        witness_ms = f"{self.witness_s * 1e3:.1f}"
+        rows: list[tuple[object, ...]] = []
+        for loop in self.loops.values():
+            gap_ms, put_ms = f"{loop.gap_s * 1e3:.1f}", f"{loop.put_s * 1e3:.2f}"
+            verdict = "LATE" if loop.overdue or loop.slow_puts else "ok"
+            rows.append((self.name, loop.role, gap_ms, loop.overdue, put_ms, witness_ms, verdict))
+        return rows
+
+    def judge(self, command_s: float) -> None:
+        """Record the mistakes; a hold is none when the machine stalled for its deadline."""
+        if self.held and self.witness_s <= command_s:
+            self.mistakes.append(f"{self.name}: the arm was held: {self.held}")
+        for loop in self.loops.values():
+            gap_ms, put_ms = loop.gap_s * 1e3, loop.put_s * 1e3
+            rules = (
+                (not loop.reports, "reported nothing"),
+                (loop.overdue, f"was late {loop.overdue} times, {gap_ms:.0f} ms"),
+                (loop.slow_puts, f"took {put_ms:.1f} ms for a put"),
             )
-            for loop in self.loops.values()
-        ]
+            self.mistakes += [f"{self.name}: {loop.role} {text}" for wrong, text in rules if wrong]
 
 
 class HealthMonitor:
@@ -133,20 +140,7 @@ class HealthMonitor:
         time.sleep(HEALTH_WINDOW_S / 2)  # wait for the last reports
         self._evaluate(phase, last_ns)
         phase.witness_s = self._witness.worst_s(began_ns, time.monotonic_ns())
-        if phase.held and phase.witness_s <= self.cell.cell.deadlines.command_s:
-            phase.mistakes.append(f"{name}: the arm was held: {phase.held}")
-        for loop in phase.loops.values():
-            if loop.reports == 0:
-                phase.mistakes.append(f"{name}: {loop.role} reported nothing")
-            if loop.overdue:
-                text = (
-                    f"{name}: {loop.role} was late {loop.overdue} times, {loop.gap_s * 1e3:.0f} ms"
-                )
-                phase.mistakes.append(text)
-            if loop.slow_puts:
-                phase.mistakes.append(
-                    f"{name}: a put of {loop.role} took {loop.put_s * 1e3:.1f} ms"
-                )
+        phase.judge(self.cell.cell.deadlines.command_s)
         return phase
 
     def _evaluate(self, phase: Phase, now_ns: int) -> None:
@@ -170,7 +164,7 @@ def frozen_viewer(watcher: HealthMonitor, path: Path, seconds: float) -> Phase:
         os.kill(viewer.pid, signal.SIGSTOP)
         try:
             phase = watcher.watch("viewer frozen", for_s(seconds))
-            if _state_of(viewer.pid) != "T":
+            if state_of(viewer.pid) != "T":
                 phase.mistakes.append("the viewer was not frozen")
         finally:
             os.kill(viewer.pid, signal.SIGCONT)
@@ -206,31 +200,27 @@ def _last_line(peer: subprocess.Popen[str], within_s: float) -> str:
     return lines[-1] if lines else ""
 
 
-def _state_of(pid: int) -> str:
-    """Return the kernel's state of a process (proc(5))."""
-    return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+def press_anew(cell: CellUnderTest) -> None:
+    """Arm and press, from any state."""
+    cell.make_ready()
+    cell.press(PRESS_N)
+    time.sleep(SETTLE_S)
 
 
 def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
     """Start a cell, press, and apply both loads."""
-    with ExitStack() as exits:
-        folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-flood-")))
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        cell, path = make_cell("demo", folder, {"cell": "flood", "bus.endpoint": endpoint})
-        watch = exits.enter_context(witness(folder))
+    with tempfile.TemporaryDirectory(prefix="forcemesh-flood-") as folder, ExitStack() as exits:
+        cell, path = make_cell("demo", Path(folder), {"cell": "flood"})
+        watch = exits.enter_context(witness(path.parent))
         under_test = exits.enter_context(running_cell(cell, path))
         watcher = HealthMonitor(under_test, watch)
         under_test.tare()
-        under_test.make_ready()
-        under_test.press(PRESS_N)
-        time.sleep(SETTLE_S)
+        press_anew(under_test)
         phases = [watcher.watch("nothing", for_s(min(QUIET_S, seconds)))]
         phases.append(frozen_viewer(watcher, path, 0.8 * seconds))
         sent = []
         for mix in MIXES:
-            under_test.make_ready()
-            under_test.press(PRESS_N)
-            time.sleep(SETTLE_S)
+            press_anew(under_test)
             least_hz = LEAST_SHARE[mix] * rate_hz
             phase, report = flooded(
                 watcher, path, mix, seconds=seconds, rate_hz=rate_hz, least_hz=least_hz
@@ -241,17 +231,17 @@ def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
 
 
 def main() -> int:
-    """Run, print the table, return the exit code."""
+    """Return the exit code of a run."""
     parser = argparse.ArgumentParser(prog="tests.chaos.flood", description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of the flood [s]")
     parser.add_argument("--rate", type=int, default=10_000, help="messages per second")
     given = parser.parse_args()
-    take_realtime_priority()
-    try:
-        phases, sent = run(given.seconds, given.rate)
-    except ForcemeshError as error:
-        print(f"the harness failed: {error}", file=sys.stderr)
-        return 1
+    return run_guarded(lambda: play(given.seconds, given.rate))
+
+
+def play(seconds: float, rate_hz: int) -> int:
+    """Run, print the table and what was wrong, return the exit code."""
+    phases, sent = run(seconds, rate_hz)
     print(table("Frozen viewer and flood", HEAD, [row for p in phases for row in p.rows()]))
     print("\n".join(["the flood sent", *sent]))
     mistakes = [mistake for phase in phases for mistake in phase.mistakes]

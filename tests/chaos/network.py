@@ -15,17 +15,23 @@ from dataclasses import replace
 from pathlib import Path
 
 from common.config.cell import CellConfig
-from common.runtime.realtime import take_realtime_priority
-from forcemesh.errors import ForcemeshError
 from launch.processes import EMULATOR, processes_of
 from launch.started_process import ProcessSpec
-from tests.chaos.common_net import ROOT, make_cell, table
+from tests.chaos.common_net import ROOT, make_cell, run_guarded, table
 from tests.chaos.network_faults import FAULTS, NetworkFault
 from tests.chaos.network_judge import TrialBounds
 from tests.chaos.network_lab import CANNOT_RUN, Cable, Lab, enter_own_namespace, why_not
-from tests.chaos.network_play import CABLE, HEAD, Row, bounds_of, grid, is_selected, played
 from tests.chaos.network_proxy import through_proxy
-from tests.chaos.network_trials import NetworkTrial
+from tests.chaos.network_trials import (
+    CABLE,
+    HEAD,
+    NetworkTrial,
+    Row,
+    bounds_of,
+    grid,
+    is_selected,
+    played,
+)
 from tools.figures import replace_block
 
 PAGE = ROOT / "docs" / "chaos-network.md"
@@ -106,7 +112,7 @@ def summary(rows: list[Row], seed: int, took_s: float) -> str:
 
 
 def main() -> int:
-    """Run, print the table, return the exit code."""
+    """Return the exit code of a run."""
     arguments = _arguments()
     namespaces = [name for name in TEMPLATES if arguments.cell in ("", name)]
     if namespaces and (reason := why_not()):
@@ -114,21 +120,20 @@ def main() -> int:
         return CANNOT_RUN
     if namespaces:
         enter_own_namespace("tests.chaos.network")
-    take_realtime_priority()  # for accurate times of the faults
-    began_s = time.monotonic()
-    rows: list[Row] = []
-    try:
-        for template in namespaces:
-            rows += in_namespaces(template, arguments.only, arguments.seed)
-        if arguments.cell in ("", PROXY):
-            rows += through_proxy(arguments.only, arguments.seed)
-    except ForcemeshError as error:
-        print(f"the harness failed: {error}", file=sys.stderr)
-        return 1
-    line = summary(rows, arguments.seed, time.monotonic() - began_s)
+    return run_guarded(lambda: play(arguments, namespaces))
+
+
+def play(given: argparse.Namespace, namespaces: list[str]) -> int:
+    """Run the trials, print and write the table, return the exit code."""
+    began_s, rows = time.monotonic(), list[Row]()
+    for template in namespaces:
+        rows += in_namespaces(template, given.only, given.seed)
+    if given.cell in ("", PROXY):
+        rows += through_proxy(given.only, given.seed)
+    line = summary(rows, given.seed, time.monotonic() - began_s)
     title = f"Faults on cables, {os.cpu_count()} cores"
     print("\n" + table(title, HEAD, [row.cells() for row in rows]) + "\n" + line)
-    if arguments.write and rows:
+    if given.write and rows:
         text = table(title, *grid(row.result() for row in rows))
         replace_block(PAGE, "chaos-network", f"{text}\n{line}", COMMAND)
     return 0 if rows and not any(row.verdict.mistakes for row in rows) else 1

@@ -15,8 +15,7 @@ from launch.processes import EMULATOR, processes_of
 from tests.chaos.common_net import free_port, make_cell
 from tests.chaos.network_faults import Ends
 from tests.chaos.network_judge import TrialBounds
-from tests.chaos.network_play import CABLE, Row, bounds_of, is_selected, played
-from tests.chaos.network_trials import NetworkTrial
+from tests.chaos.network_trials import CABLE, NetworkTrial, Row, bounds_of, is_selected, played
 from tests.chaos.tcp_proxy import HostileProxy
 from tests.fakes.hostile_stream import MS, Abuse, Chop, Gather
 
@@ -66,11 +65,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-chaos-")))
         port = free_port()
         proxy = exits.enter_context(HostileProxy(lambda: port))
-        overrides = {
-            "cell": "chaos-proxy",
-            "bus.endpoint": f"tcp/127.0.0.1:{free_port()}",
-            "gateway.port": proxy.port,
-        }
+        overrides = {"cell": "chaos-proxy", "gateway.port": proxy.port}
         cell, path = make_cell("demo-tcp", folder, overrides)
         processes = [
             replace(process, arguments=(*process.arguments, "--port", str(port)))

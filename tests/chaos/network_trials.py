@@ -1,12 +1,18 @@
-"""Procedure of one trial: approach, apply the fault to a wire, remove it, evaluate the arm."""
+"""Procedure of a trial: approach, apply the fault to a wire, remove it, evaluate the arm."""
 
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+from common.config.cell import CellConfig
+from forcemesh import topics
 from forcemesh.errors import ForcemeshError
-from tests.chaos.common_net import CellUnderTest, HarnessError
+from launch.started_process import ProcessSpec
+from sim.robot.trace import VARIABLE as TRACE
+from tests.chaos.common_net import CellUnderTest, HarnessError, environment, running_cell
 from tests.chaos.network_faults import Ends
 from tests.chaos.network_judge import (
     MOVES_M_S,
@@ -16,7 +22,7 @@ from tests.chaos.network_judge import (
     TrialVerdict,
     judge,
 )
-from tests.chaos.witness import STALL_S, Witness
+from tests.chaos.witness import STALL_S, Witness, witness
 
 PRESS_N = 10.0
 CLEARANCE_M = 0.03  # start height of an approach above the initial height of the flange
@@ -40,15 +46,28 @@ class NetworkTrial:
     bounds: TrialBounds
 
 
+@contextmanager
+def observed_cell(
+    cell: CellConfig, path: Path, processes: Sequence[ProcessSpec]
+) -> Iterator[tuple[CellUnderTest, GroundTruthTrace, Witness]]:
+    """Run a cell with a trace of its arm and a witness during the block."""
+    trace = path.parent / "trace.bin"
+    with (
+        environment(**{TRACE: str(trace)}),
+        witness(path.parent) as watch,
+        running_cell(cell, path, processes) as under_test,
+    ):
+        yield under_test, GroundTruthTrace(trace), watch
+
+
 class Bench:
     """Running cell with the ground truth of its arm and a witness."""
 
     def __init__(
-        self, cell: CellUnderTest, truth: GroundTruthTrace, witness: Witness, rng: random.Random
+        self, cell: CellUnderTest, truth: GroundTruthTrace, watch: Witness, rng: random.Random
     ) -> None:
         """Tare, and store the height of the arm."""
-        self.cell, self.truth, self.witness, self._rng = cell, truth, witness, rng
-        self._counted_stalls = 0
+        self.cell, self.truth, self.witness, self._rng = cell, truth, watch, rng
         cell.tare()
         self._high_m = cell.height_m() + CLEARANCE_M
 
@@ -128,3 +147,89 @@ class Bench:
             ends=trial.ends,
             stall_s=self.witness.worst_s(began_ns, time.monotonic_ns()),
         )
+
+
+CABLE = "controller"  # the wire between gateway and controller
+MARGIN_S = 0.05  # for real processes, beyond the cell's deadline
+RAMP_S = 0.2  # deceleration of the arm, and the filter of its servos
+LOOP_S = 0.05  # cycle time of the controller's program
+FASTEST_M_S = 0.06  # 50 mm/s limit of the set points, plus the overshoot of a stop
+HEAD = ("cell", "wire", "fault", "bites", "outcome", "last command ms", "still ms",
+        "fastest mm/s",
+        "obeyed after heal", "named cause", "repeated", "")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of the table."""
+
+    cell: str
+    trial: NetworkTrial
+    verdict: TrialVerdict
+    observed: TrialObservations
+    repeated: int
+
+    def cells(self) -> tuple[object, ...]:
+        """Return the cells of the row, for the console."""
+        verdict, trial = self.verdict, self.trial
+        return (
+            self.cell, trial.wire, trial.fault, self.observed.bites, verdict.outcome,
+            _ms(verdict.last_command_ms), _ms(verdict.still_ms),
+            f"{verdict.fastest_m_s * 1e3:.0f}", verdict.stale,
+            self.observed.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
+        )  # fmt: skip
+
+    def result(self) -> tuple[str, str, str]:
+        """Return cable, fault, and `last command/still` [ms] with the violated bounds."""
+        verdict, trial = self.verdict, self.trial
+        held = f"{_ms(verdict.last_command_ms)}/{_ms(verdict.still_ms)}"
+        words = (held if verdict.outcome == "held" else "on", *verdict.mistakes)
+        return f"{self.cell} {trial.wire}", trial.fault, "; ".join(words)
+
+
+def grid(results: Iterable[tuple[str, str, str]]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table: one row per fault, one column per cable."""
+    found = {(fault, cable): text for cable, fault, text in results}
+    faults, cables = (list(dict.fromkeys(names)) for names in zip(*found, strict=True))
+    rows = [[fault, *(found.get((fault, cable), "") for cable in cables)] for fault in faults]
+    return ["fault", *cables], rows
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def bounds_of(cell: CellConfig, *, is_cable: bool) -> TrialBounds:
+    """Return the bounds of a cell; on the controller's cable those of its own watchdog."""
+    command_s = cell.stale_after_s(topics.ROBOT_COMMAND) + MARGIN_S
+    if not is_cable or cell.gateway is None:
+        through_program_s = 0.0 if cell.gateway is None else LOOP_S
+        return TrialBounds(command_s, command_s + RAMP_S + through_program_s, FASTEST_M_S)
+    watchdog_s = cell.gateway.watchdog_s + LOOP_S
+    return TrialBounds(command_s + watchdog_s, watchdog_s + MARGIN_S + RAMP_S, FASTEST_M_S)
+
+
+def is_selected(trial: NetworkTrial, only: str) -> bool:
+    """Return whether a trial is selected: `wire/fault`, `wire`, or `/fault`; empty for all."""
+    wire, _, fault = only.partition("/")
+    return wire in ("", trial.wire) and fault in ("", trial.fault)
+
+
+def played(
+    name: str,
+    cell: CellConfig,
+    path: Path,
+    *,
+    processes: Sequence[ProcessSpec],
+    trials: Sequence[NetworkTrial],
+    seed: int,
+) -> Iterator[Row]:
+    """Start a cell and run trials on it."""
+    if not trials:
+        return
+    with observed_cell(cell, path, processes) as observed:
+        bench = Bench(*observed, random.Random(seed))
+        for trial in trials:
+            row = Row(name, trial, *bench.run(trial))
+            print(" | ".join(str(word) for word in row.cells()), flush=True)
+            yield row

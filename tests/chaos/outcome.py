@@ -1,8 +1,11 @@
-"""Outcome of one injection, and the bounds it violates. Pure."""
+"""Outcome of one injection, the bounds it violates, and the journal of a resumable run."""
 
-from dataclasses import dataclass, field
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
-from tests.chaos.cases import Case
+from tests.chaos.cases import Case, CellName
 
 LAST_ACCEPTED_S = 0.150  # with real processes; three periods, at least 100 ms in the demo cells
 STILL_SIM_S = 0.350
@@ -56,6 +59,17 @@ class Outcome:
         return self.causes[0] if self.causes else ""
 
 
+@dataclass(slots=True)
+class Report:
+    """Results of a whole run."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    limits: dict[CellName, OutcomeLimits] = field(default_factory=dict)
+    untried: list[str] = field(default_factory=list)  # invalid in every attempt
+    spoilt: list[str] = field(default_factory=list)  # invalid trials, repeated
+    took_s: float = 0.0
+
+
 def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
     """Return messages for the violated bounds."""
     fastest_m_s, most_m_s = outcome.fastest_m_s, limits.speed_m_s * JUMP_MARGIN
@@ -85,3 +99,39 @@ def _rules_of_a_hold(outcome: Outcome, limits: OutcomeLimits) -> tuple[tuple[boo
         (shows_nothing, "forcemesh status did not show it"),
         (not outcome.recovered, outcome.note),
     )
+
+
+class Journal:
+    """Journal file: one line of JSON for each trial, valid or not."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Read an existing file; without a path nothing is stored."""
+        self._path = path
+        self.outcomes: list[Outcome] = []
+        self.spoilt: list[str] = []
+        known = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
+        for fields in map(json.loads, known.splitlines()):
+            if "spoilt" in fields:
+                self.spoilt.append(fields["spoilt"])
+            else:
+                self.outcomes.append(Outcome(**fields | {"case": Case(**fields["case"])}))
+
+    def left(self, cases: Iterable[Case]) -> list[Case]:
+        """Return the cases without an outcome."""
+        tried = {outcome.case for outcome in self.outcomes}
+        return [case for case in cases if case not in tried]
+
+    def tried(self, outcome: Outcome) -> None:
+        """Record a valid trial."""
+        self._write(asdict(outcome))
+
+    def repeated(self, why: str) -> None:
+        """Record an invalid trial."""
+        self._write({"spoilt": why})
+
+    def _write(self, fields: dict[str, object]) -> None:
+        if self._path is None:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(fields) + "\n")

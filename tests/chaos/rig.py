@@ -1,9 +1,7 @@
 """Test rig: processes of a cell that can be stopped and started individually, and a witness."""
 
-import os
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 from common.config.cell import CellConfig
@@ -14,7 +12,7 @@ from launch.started_process import ROOT, ChildProcess, ProcessExit
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
 from sim.robot.trace import Records, read_trace
 from tests.chaos.cases import CellName
-from tests.chaos.common_net import free_port
+from tests.chaos.common_net import environment, free_port
 from tests.chaos.witness import Witness, witness
 
 FILES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml"}
@@ -25,7 +23,7 @@ END_WITHIN_S = 3.0
 
 def chaos_cell(name: CellName) -> CellConfig:
     """Return a demo cell with a soft plate and private ports."""
-    bus, controller = free_port(), free_port()
+    bus = free_port()
     overrides: dict[str, object] = {
         "limits.move_rise_N": 40.0,  # the phase `retreat` begins with a move that presses 25 N
         "cell": f"chaos-{bus}",
@@ -33,7 +31,7 @@ def chaos_cell(name: CellName) -> CellConfig:
         "sim.stiffness_N_m": PLATE_N_M,
     }
     if name == "tcp":
-        overrides["gateway.port"] = controller
+        overrides["gateway.port"] = free_port()
     return load_cell(ROOT / "cells" / FILES[name], overrides)
 
 
@@ -57,14 +55,8 @@ class Rig:
     def __enter__(self) -> "Rig":
         """Start the witnesses and every process, the hub first."""
         self._file.write_text(dump_cell(self.cell), encoding="utf-8")
-        self._exits.enter_context(
-            environment(
-                **{
-                    FOLDER_VARIABLE: str(self._folder),
-                    TRACE_VARIABLE: str(self._folder / "trace"),
-                }
-            )
-        )
+        run, trace = str(self._folder), str(self._folder / "trace")
+        self._exits.enter_context(environment(**{FOLDER_VARIABLE: run, TRACE_VARIABLE: trace}))
         self._exits.callback(self._end_all)
         self.witness = self._exits.enter_context(witness(self._folder))
         self.start(*self._processes)
@@ -126,18 +118,3 @@ class Rig:
 
 def _discard(_name: str, _line: str) -> None:
     """Drop a line of output: the run file and the trace have what is judged."""
-
-
-@contextmanager
-def environment(**variables: str) -> Iterator[None]:
-    """Set environment variables for processes started in the block."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

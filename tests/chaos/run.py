@@ -4,7 +4,6 @@ import tempfile
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 
@@ -14,9 +13,8 @@ from forcemesh import topics
 from forcemesh.messages import Host
 from tests.chaos.cases import Case, CellName
 from tests.chaos.injector import NoEffectError
-from tests.chaos.journal import Journal
 from tests.chaos.measure import InvalidTrialError
-from tests.chaos.outcome import Outcome, OutcomeLimits
+from tests.chaos.outcome import Journal, OutcomeLimits, Report
 from tests.chaos.recorder_client import RecorderClient
 from tests.chaos.rig import Rig, chaos_cell
 from tests.chaos.scripted_job import NotMovingError, ScriptedJob
@@ -25,17 +23,6 @@ from tests.chaos.trial import Trials
 
 ATTEMPTS = 4
 CONNECT_WITHIN_S = 20.0
-
-
-@dataclass(slots=True)
-class Report:
-    """Results of a whole run."""
-
-    outcomes: list[Outcome] = field(default_factory=list)
-    limits: dict[CellName, OutcomeLimits] = field(default_factory=dict)
-    untried: list[str] = field(default_factory=list)  # invalid in every attempt
-    spoilt: list[str] = field(default_factory=list)  # invalid trials, repeated
-    took_s: float = 0.0
 
 
 def limits_of(cell: CellConfig) -> OutcomeLimits:

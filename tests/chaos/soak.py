@@ -17,18 +17,16 @@ from typing import Any
 import numpy as np
 
 from common.config.cell import CellConfig
-from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
 from forcemesh.bus import Reader
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import ForcemeshError
 from forcemesh.messages import MAY_MOVE
 from forcemesh.topics import Topic
 from tests.chaos.common_net import (
     CellUnderTest,
     HarnessError,
-    free_port,
     make_cell,
+    run_guarded,
     running_cell,
     table,
 )
@@ -203,26 +201,18 @@ class Soak:
         rows: list[tuple[object, ...]] = []
         for role, body in self.bodies.items():
             growth_b, wrong = body.growth_b(over_s), []
+            key = streams[role].key if role in streams else "-"
+            late_s = self.streams[key].percentile_s(99.9) if role in streams else float("nan")
             if growth_b > most_growth_b(over_s):
                 wrong.append(f"grows by {growth_b / 1e3:.0f} kB")
             if body.leaked:
                 wrong.append(f"open files differ by {body.leaked}")
-            stream = self.streams[streams[role].key] if role in streams else None
-            late_s = float("nan") if stream is None else stream.percentile_s(99.9)
             if late_s > self._late_s and self._witness.percentile_s(99.9) < self._late_s:
                 wrong.append("late")
             self.mistakes += [f"{role}: {what}" for what in wrong]
-            rows.append(
-                (
-                    role,
-                    f"{body.resident_b[-1] / 1e6:.1f}",
-                    f"{body.growth_b(TEN_MINUTES_S) / 1e3:.0f}",
-                    body.files[-1],
-                    streams[role].key if role in streams else "-",
-                    f"{late_s * 1e3:.1f}",
-                    "; ".join(wrong) or "ok",
-                )
-            )
+            memory_MB, grows_kB = body.resident_b[-1] / 1e6, body.growth_b(TEN_MINUTES_S) / 1e3
+            numbers = (f"{memory_MB:.1f}", f"{grows_kB:.0f}", body.files[-1])
+            rows.append((role, *numbers, key, f"{late_s * 1e3:.1f}", "; ".join(wrong) or "ok"))
         return rows
 
 
@@ -241,11 +231,9 @@ def soak(
         changes: Overrides of the demo's cell file.
         late_s: Limit of the lateness of a loop at the 99.9th percentile [s].
     """
-    with ExitStack() as exits:
-        folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-soak-")))
-        address = {"cell": "soak", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
-        cell, path = make_cell("demo", folder, {**(changes or {}), **address})
-        watch = exits.enter_context(witness(folder))
+    with tempfile.TemporaryDirectory(prefix="forcemesh-soak-") as folder, ExitStack() as exits:
+        cell, path = make_cell("demo", Path(folder), {**(changes or {}), "cell": "soak"})
+        watch = exits.enter_context(witness(path.parent))
         result = Soak(exits.enter_context(running_cell(cell, path)), watch, late_s)
         result.run(minutes)
         rows = result.judge(minutes)
@@ -260,16 +248,16 @@ def soak(
 
 
 def main() -> int:
-    """Run, print, return the exit code."""
+    """Return the exit code of a run."""
     parser = argparse.ArgumentParser(prog="tests.chaos.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     minutes = parser.parse_args().minutes
-    take_realtime_priority()  # a delayed subscriber would miss messages
-    try:
-        result = soak(minutes)
-    except ForcemeshError as error:
-        print(f"the harness failed: {error}", file=sys.stderr)
-        return 1
+    return run_guarded(lambda: play(minutes))
+
+
+def play(minutes: float) -> int:
+    """Run, print what was wrong, return the exit code."""
+    result = soak(minutes)
     print("\n".join([*result.excused, *result.mistakes]) or "no mistakes")
     return 0 if result.rounds and not result.mistakes else 1
 

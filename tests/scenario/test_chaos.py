@@ -9,8 +9,7 @@ import pytest
 from forcemesh.topics import ROLES
 from tests.chaos.cases import KINDS, PHASES, TWO, Case, matrix, named
 from tests.chaos.ground_truth import FlangePath
-from tests.chaos.journal import Journal
-from tests.chaos.outcome import Outcome, OutcomeLimits, violations
+from tests.chaos.outcome import Journal, Outcome, OutcomeLimits, violations
 from tests.chaos.witness import ROW, Witness
 
 LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)

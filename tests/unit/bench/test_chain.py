@@ -9,10 +9,16 @@ import pytest
 
 from bench.chain import bare
 from bench.chain.cell import CellRun
-from bench.chain.compare import CASE, CHAINS, Case, Comparison, limits
+from bench.chain.compare import (
+    CHAINS,
+    OTHERS,
+    USUAL,
+    Comparison,
+    cell_of,
+    limits,
+    step_times_us,
+)
 from bench.chain.load import Load, _threads, measured
-from bench.chain.steps import PARTS, times_us
-from bench.results import table
 
 RATE_HZ, DURATION_S = 100.0, 0.5
 
@@ -21,7 +27,7 @@ RATE_HZ, DURATION_S = 100.0, 0.5
 @pytest.mark.parametrize("kind", CHAINS)
 def test_a_bare_chain_forwards_what_its_source_sends(kind: bare.Kind) -> None:
     """Nearly every message arrives, later than it was sent, and every process has run."""
-    times_us, load = bare.run(kind, Case().cell(), RATE_HZ, DURATION_S, realtime=False)
+    times_us, load = bare.run(kind, cell_of(USUAL), RATE_HZ, DURATION_S, realtime=False)
     # Zenoh may drop a message of a reader that the machine stopped; the others lose none.
     sent = (DURATION_S + bare.WARM_UP_S) * RATE_HZ
     assert len(times_us) == pytest.approx(sent, abs=0.5 * sent if kind == "zenoh" else 1)
@@ -36,10 +42,12 @@ def test_the_load_of_a_process_is_its_share_of_a_core() -> None:
     """A loop without waiting takes more processor time than one that sleeps."""
     codes = {"busy": "while True: pass", "idle": "import time; time.sleep(60)"}
     running = {name: subprocess.Popen([sys.executable, "-c", code]) for name, code in codes.items()}
-    load: dict[str, Load] = {}
-    with measured({name: each.pid for name, each in running.items()}, load):
+
+    def wait() -> None:
         while sum(cpu_s for cpu_s, _ in _threads(running["busy"].pid).values()) < 0.2:
             time.sleep(0.01)
+
+    load = measured({name: each.pid for name, each in running.items()}, wait)
     for each in running.values():
         each.kill()
         each.wait()
@@ -61,12 +69,10 @@ def test_a_case_in_which_the_arm_held_is_a_row_with_the_reason() -> None:
     load = {"one": Load(20.0, 100.0, {"main": 20.0})}
     bares = {kind: [(np.array([10.0, 20.0]), load)] for kind in CHAINS}
     pressed = CellRun(load=load, ages_us=ages)
-    usual = Comparison(Case(), [pressed], [], bares, engine_pct=5.0)
-    held = Comparison(Case(busy_loops=4), [], ["robot silent"], bares, engine_pct=5.0)
-    rows = table(CASE, [usual.case_row(), held.case_row()]).records
-    assert [row["processor_core_pct"] for row in rows] == [15, None]
-    assert [row["held"] for row in rows] == ["", "robot silent"]
-    assert [row["cpu_ratio"] for row in rows] == [0.75, None]
+    usual = Comparison(USUAL, [pressed], [], bares, engine_pct=5.0).case_row()
+    held = Comparison(OTHERS[0], [], ["robot silent"], bares, engine_pct=5.0).case_row()
+    assert (usual["processor_core_pct"], usual["cpu_ratio"], usual["held"]) == (15.0, 0.75, "")
+    assert held == {**OTHERS[0], "held": "robot silent"}
 
 
 def test_a_ratio_above_its_limit_is_not_met() -> None:
@@ -75,8 +81,8 @@ def test_a_ratio_above_its_limit_is_not_met() -> None:
     assert [each["met"] for each in found] == [False, True, True]
 
 
-def test_the_time_of_a_step_is_that_of_the_service_alone() -> None:
-    """Every part has steps; the simulated robot's are without MuJoCo's."""
-    steps_us, loops_us = times_us(PARTS["simulated robot, without MuJoCo"], 0.05)
-    assert len(steps_us) == len(loops_us) > 10
-    assert min(steps_us) > 0.0
+def test_every_step_of_a_service_is_timed() -> None:
+    """At 250 Hz."""
+    times_us = step_times_us("arbiter", 0.05)
+    assert len(times_us) > 10
+    assert min(times_us) > 0.0

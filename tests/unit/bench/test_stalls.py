@@ -2,26 +2,21 @@
 
 import itertools
 import random
-from collections.abc import Callable
 
 import pytest
 
-from bench.stalls import CASES, PROCESSES, StallCase, drawn, play
+from bench.results import Row
+from bench.stalls import CASES, PROCESSES, Draw, drawn, play
 from forcemesh.clock import NS_PER_S
 from tests.fakes.long import long
 
-
-def name_of(case: StallCase) -> str:
-    """Return a case as part of the name of its test."""
-    return f"{case.law}-{case.stiffness_N_m:g}"
-
-
+NAMES = [f"{case['law']}-{case['stiffness_N_m']:g}" for case in CASES]
 TOUCHES_S = (0.04, long(0.06), 0.08, long(0.1), 0.12, long(0.14), 0.16)  # after the near plate
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(long(seed) for seed in range(2, 12))])
-@pytest.mark.parametrize("case", CASES, ids=name_of)
-def test_the_force_keeps_its_promises_under_seeded_stalls(case: StallCase, seed: int) -> None:
+@pytest.mark.parametrize("case", CASES, ids=NAMES)
+def test_the_force_keeps_its_promises_under_seeded_stalls(case: Row, seed: int) -> None:
     """No press beyond 1.3 times the set point, no lift-off beyond 5 % of it."""
     found = play(case, drawn(seed))
     assert found.is_good, found
@@ -62,8 +57,8 @@ def test_a_start_on_stale_data_is_refused_and_the_arm_stays(process: str) -> Non
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(long(seed) for seed in range(2, 12))])
-@pytest.mark.parametrize("case", CASES[2:], ids=name_of)
-def test_processes_that_wake_a_little_late_change_nothing(case: StallCase, seed: int) -> None:
+@pytest.mark.parametrize("case", CASES[2:], ids=NAMES[2:])
+def test_processes_that_wake_a_little_late_change_nothing(case: Row, seed: int) -> None:
     """Found: the arbiter's limits, by its own clock, made 24 % of overshoot out of such delays."""
     found = play(case, wakes_late(seed))
     assert not found.held
@@ -71,7 +66,7 @@ def test_processes_that_wake_a_little_late_change_nothing(case: StallCase, seed:
     assert found.lift < 0.01, found
 
 
-def wakes_late(seed: int) -> Callable[[], tuple[int, str, int]]:
+def wakes_late(seed: int) -> Draw:
     """Return delays of one to four periods of a millisecond, of one process after the other."""
     rng = random.Random(seed)
 
@@ -82,7 +77,7 @@ def wakes_late(seed: int) -> Callable[[], tuple[int, str, int]]:
     return draw
 
 
-def once(pause_s: float, who: str, duration_s: float) -> Callable[[], tuple[int, str, int]]:
+def once(pause_s: float, who: str, duration_s: float) -> Draw:
     """Return one stall, and none after it."""
     stalls = itertools.chain([(pause_s, duration_s)], itertools.repeat((1e3, 0.0)))
 

@@ -4,15 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bench.payload import WORLDS, CellErrors, attitudes, compared, read, recording, trial, truth
+from bench.payload import (
+    WORLDS,
+    CellErrors,
+    attitudes,
+    compared,
+    plain_fit,
+    read,
+    recording,
+    trial,
+    truth,
+)
 from common.config.payload import BiasDrift
 from common.motion.frames import rotation_from_vector
 from common.motion.weight import bias_since_end, residual
 from identification.identify import identify_payload
 from identification.payload_model import Model, jacobian, residuals, start_state, updated_state
+from identification.recording import Poses
 from identification.static_poses import CONTACT, MOVING, SINGLE_RAD, STALE, angle, screen_samples
 from tests.fakes.weights import QUICK, TRUTH, readings, seeds
 
@@ -58,6 +69,25 @@ def test_standard_deviations_are_correct_also_for_tilt_and_mounting() -> None:
     found = [trial(CellErrors(1.0, 1.0), seed)[1] for seed in range(12)]
     z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
     assert 0.88 < np.mean(np.abs(z) < 2.0) < 0.99
+
+
+@settings(QUICK, max_examples=4)
+@given(seed=seeds)
+def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
+    """The formula with the hat matrix gives the same as a fit without the pose."""
+    rng = np.random.default_rng(seed)
+    train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
+    poses = Poses(train, np.ones(10), np.arange(10))
+    left_out = solve(poses, Model(), start_state()).loo_residual
+    for pose in range(10):
+        without = plain_fit(train[np.setdiff1d(np.arange(10), [pose])])
+        found = residual(
+            without,
+            train.R_base_sensor[pose],
+            force_N=train.force_N[pose],
+            torque_Nm=train.torque_Nm[pose],
+        )
+        np.testing.assert_allclose(left_out[:, pose], found, atol=1e-5)
 
 
 def test_a_curved_drift_is_identified_with_the_bias_at_its_end() -> None:

@@ -19,12 +19,6 @@ def test_the_list_names_modules_that_are_there() -> None:
     assert CONFIG["report"]["fail_under"] == 100
 
 
-def test_every_branch_counts() -> None:
-    """Less than every branch is not enough."""
-    assert CONFIG["run"]["branch"]
-    assert CONFIG["report"]["fail_under"] == 100
-
-
 def test_a_line_that_is_left_out_has_its_reason() -> None:
     """And there are hardly any."""
     found = [

@@ -13,16 +13,8 @@ from tools.tree import ROOT, copy_of_the_tree
 PAGE = (ROOT / "docs" / "how-to-add.md").read_text(encoding="utf-8")
 PATCHES = ROOT / "docs" / "how-to-add"
 # Files that an addition may change beside its test and its pages; a folder of arms/ counts once.
-MOST_FILES = {
-    "sensor": 2,
-    "arm": 2,
-    "law": 2,
-    "topic": 3,
-    "packet-command": 4,
-    "limit": 4,
-    "role": 4,
-    "skill": 1,
-}
+MOST_FILES = {"sensor": 2, "arm": 2, "law": 2, "topic": 3, "packet-command": 4, "limit": 4,
+              "role": 4, "skill": 1}  # fmt: skip
 
 each_example = pytest.mark.parametrize("name", MOST_FILES)
 
@@ -66,15 +58,11 @@ def test_the_commands_of_the_page_pass(name: str, tmp_path: Path) -> None:
     """On a copy of the tree: the patch applies, pages are written anew, its tests pass."""
     copy_of_the_tree(tmp_path)
     for command in commands_of(name):
-        words = in_copy(command)
+        own = {"PYTHONPATH": str(tmp_path), "GIT_CEILING_DIRECTORIES": str(tmp_path.parent)}
         done = subprocess.run(
-            words,
+            in_copy(command),
             cwd=tmp_path,
-            env={
-                **os.environ,
-                "PYTHONPATH": str(tmp_path),
-                "GIT_CEILING_DIRECTORIES": str(tmp_path.parent),
-            },
+            env=os.environ | own,
             capture_output=True,
             text=True,
             check=False,

@@ -47,10 +47,6 @@ def skeleton(tmp_path: Path) -> Path:
         "forcemesh.codec",
         "services.one.law",
         "services.two.x",
-    ]
-    for module in [
-        *fixed,
-        *others,
         "sim.robot.plate",
         "sim.controller.x",
         "sim.as_language.x",
@@ -58,7 +54,8 @@ def skeleton(tmp_path: Path) -> Path:
         "tuning.x",
         "launch.x",
         "cli.x",
-    ]:
+    ]
+    for module in [*fixed, *others]:
         path = root.joinpath(*module.split(".")).with_suffix(".py")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()

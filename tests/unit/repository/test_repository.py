@@ -192,15 +192,6 @@ def test_pre_commit_downloads_nothing() -> None:
 # --- texts ---------------------------------------------------------------------------------------
 
 
-def test_licence_is_the_one_that_is_declared() -> None:
-    """The full text of Apache-2.0 is in the repository, and the metadata names it."""
-    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
-    assert METADATA["license"] == "Apache-2.0"
-    assert "Apache License\n" in text
-    assert "Version 2.0, January 2004" in text
-    assert "END OF TERMS AND CONDITIONS" in text
-
-
 def test_no_tracked_file_names_a_machine_or_a_package_host() -> None:
     """The repository works anywhere: no path of one machine, no address of a package host."""
     listed = run("git", "ls-files", "-z")

@@ -3,28 +3,26 @@
 import numpy as np
 import pytest
 
-from bench.force.laws import adaptive
+from bench.force.laws import law_of
 from bench.force.paths import (
     LENGTH_M,
     MEAN_N,
     PROMISED,
     WORST_SHARE,
     OnPath,
-    PathCase,
     measures,
     programmed,
 )
 from bench.force.rig import ForceRig, SceneSettings
 
-_, K_N_M, LOOP_HZ = PROMISED
-WORLD = SceneSettings(K_N_M, 10, LOOP_HZ)
+WORLD = SceneSettings(PROMISED["stiffness_N_m"], 10, PROMISED["loop_hz"])
 
 
 @pytest.mark.parametrize("most_rad_s", [0.2, 0.5])
 def test_the_tool_turns_no_faster_than_in_the_regulator(most_rad_s: float) -> None:
     """The limit is that of the cell, not one of the benchmark's own."""
-    rig = ForceRig(SceneSettings(overrides=(("force.speed_max_rad_s", most_rad_s),)).cell())
-    assert OnPath(adaptive(rig), rig).path.curve.turns.rad_s == most_rad_s
+    rig = ForceRig(SceneSettings(overrides={"force.speed_max_rad_s": most_rad_s}).cell())
+    assert OnPath(law_of("adaptive", rig), rig).path.curve.turns.rad_s == most_rad_s
 
 
 @pytest.mark.parametrize("surface", ["plane", "cylinder", "hemisphere"])
@@ -42,6 +40,6 @@ def test_the_program_leads_out_and_back_and_is_off(surface: str) -> None:
 
 def test_the_promise_is_met_on_the_cylinder() -> None:
     """At the promised speed, stiffness and rate of the loop."""
-    found = measures(PathCase("adaptive", *PROMISED), "cylinder")
+    found = measures(PROMISED, "cylinder")
     assert found["mean_error_N"] <= MEAN_N
     assert found["worst_press_share"] <= WORST_SHARE

@@ -12,13 +12,13 @@ from controller.packet import Packet, VecInt, encode
 from controller.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour
 from sim.controller.network import LOOPBACK
+from tests.fakes.controller import PORT
 from tests.fakes.controller_talk import (
     HELLO_PARAM,
     LIMITS,
     LOWER,
     MOTION,
     NO_TCP,
-    PORT,
     SCALES,
     SET_UP,
     TEXT,

@@ -21,7 +21,7 @@ ZERO = [0, 0, 0, 0, 0, 0]
 class SpecificationClient:
     """Sections 1.2 to 1.4 of the specification, with `gap` after each number."""
 
-    def __init__(self, port: int, wait: Callable[[], None], gap: str = " ") -> None:
+    def __init__(self, port: int, wait: Callable[[], object], gap: str = " ") -> None:
         self._socket = socket.create_connection(("127.0.0.1", port))
         self._socket.setblocking(False)
         self._wait, self._gap, self._buffer = wait, gap, ""

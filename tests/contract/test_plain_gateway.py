@@ -26,6 +26,12 @@ def armed(*, is_specification: bool = False, chars: int = 63) -> Emulated:
     return cell
 
 
+def until_done(cell: Emulated, id_: int) -> None:
+    """Advance until a goal is done."""
+    goal_done = (id_, "done")
+    cell.rig.until(lambda: (cell.rig.state.goal.id, cell.rig.state.goal.state) == goal_done)
+
+
 def run_feedback(cell: Emulated, setpoint_N: float, duration_s: float) -> float:
     """Run force feedback on the true wrench; return the force along z at the end."""
     feedback = Feedback(mode="position", gains=GAINS, setpoint_force_N=(0.0, 0.0, setpoint_N))
@@ -56,8 +62,7 @@ def test_goals_of_every_kind_are_reached(is_specification: bool, chars: int) -> 
         start = arm.q
         angles = start + by if kind == "joints" else np.full(6, by)
         rig.send("goal", goal=goal(id_, kind, joint_rad=tuple(angles.tolist())))
-        rig.until(lambda number=id_: rig.state.goal.id == number)
-        rig.until(lambda: rig.state.goal.state == "done")
+        until_done(cell, id_)
         assert np.abs(arm.q - start - by).max() < near_rad
 
 

@@ -1,6 +1,5 @@
 """A client of the shipped program: packets over a wire in memory, all on the virtual clock."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,12 +57,6 @@ def with_peer(a: int, b: int, c: int, d: int) -> str:
         assert text.count(f"fm.peer[{k}]=0") == 1
         text = text.replace(f"fm.peer[{k}]=0", f"fm.peer[{k}]={octet}")
     return text
-
-
-def codes_of(text: str) -> set[int]:
-    """Return every fault code of the program: of holds, and of refused targets."""
-    refusals = {int(code) for code in re.findall(r"(?:fm\.refd|\.bad)=(\d+)", text)}
-    return {int(code) for code in re.findall(r"fm\.fault=(\d+)", text)} - {0} | refusals - {0, 1}
 
 
 class Talk:

@@ -3,7 +3,7 @@
 import pytest
 
 from sim.controller.behaviour import Behaviour, pessimistic
-from tests.fakes.controller_talk import QUICK
+from tests.fakes.controller import QUICK
 
 BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
 

@@ -152,3 +152,15 @@ def test_each_timer_has_one_task_that_sets_it_and_stands_in_the_readme() -> None
     documented = re.search(r"TIMER ([\d, ]+);", README)
     assert documented
     assert set(documented[1].split(", ")) == set(owners)
+
+
+def test_each_motion_is_tested_for_reach_and_for_a_hold_right_before() -> None:
+    """Reach is tested before a move; a hold may come until the very step before it."""
+    for program in ("fm.take", "fm.step"):
+        lines = programs()[program]
+        moves = [i for i, line in enumerate(lines) if line.startswith(("LMOVE", "JMOVE"))]
+        assert moves
+        for i in moves:
+            assert lines[i - 1].startswith("IF fm.hseq+fm.wseq"), lines[i - 1]
+            target = lines[i].split()[1]
+            assert any(f"INRANGE({target})" in line for line in lines[i - 34 : i])

@@ -10,7 +10,8 @@ from common.motion.frames import rotation_between
 from controller.packet import VecInt
 from controller.packet_table import CentreParam, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
-from tests.fakes.controller_talk import LIMITS, QUICK, SEGMENT, TEXT, Talk, push
+from tests.fakes.controller import QUICK
+from tests.fakes.controller_talk import LIMITS, SEGMENT, TEXT, Talk, push
 
 TCP_MM = np.array([0.0, 0.0, 160.0])
 AT_TCP: VecInt = (0, 0, 8000, 0, 0, 0)

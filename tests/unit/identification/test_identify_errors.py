@@ -22,6 +22,7 @@ from common.config.payload import BiasDrift
 from common.motion.frames import rotation_from_vector
 from common.motion.weight import bias_since_end, residual
 from identification.identify import identify_payload
+from identification.least_squares import solve
 from identification.payload_model import Model, jacobian, residuals, start_state, updated_state
 from identification.recording import Poses
 from identification.static_poses import CONTACT, MOVING, SINGLE_RAD, STALE, angle, screen_samples

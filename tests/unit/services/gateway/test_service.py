@@ -1,5 +1,7 @@
 """The gateway as a process: configuration, reports without a controller, readings for a display."""
 
+from typing import Any
+
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
@@ -64,8 +66,9 @@ WRENCH = WrenchAtTcp(force_N=(1.0, 0.0, 12.0), torque_Nm=(0.1, 0.2, 0.3))
 class ShownWrench:
     """A cell whose gateway streams set points; the shipped program counts the readings."""
 
-    def __init__(self, wrench: WrenchAtTcp | None = WRENCH, **overrides: object) -> None:
-        """Connect and arm."""
+    def __init__(self, wrench: WrenchAtTcp | None = WRENCH, *, is_asked_for: bool = True) -> None:
+        """Connect and arm; the cell file asks for it or not."""
+        overrides: dict[str, Any] = {"gateway.send_wrench": is_asked_for}
         self.cell = Emulated(host="pc", **overrides)
         self.rig = self.cell.rig
         self.rig.connect()
@@ -84,7 +87,7 @@ class ShownWrench:
 
 def test_the_reading_is_sent_at_the_rate_of_a_status_and_moves_nothing() -> None:
     """20 times a second while armed, whatever is commanded; not in a hold."""
-    shown = ShownWrench(**{"gateway.send_wrench": True})
+    shown = ShownWrench()
     memory = shown.cell.machine.memory
     assert shown.readings() == pytest.approx(20, abs=2)
     assert shown.rig.state.hold_reason == ""
@@ -105,5 +108,5 @@ def test_none_is_sent_by_default_or_without_a_reading(
     is_asked_for: bool, wrench: WrenchAtTcp | None
 ) -> None:
     """Only what was measured, and only where the cell file has it."""
-    shown = ShownWrench(wrench, **{"gateway.send_wrench": is_asked_for})
+    shown = ShownWrench(wrench, is_asked_for=is_asked_for)
     assert shown.cell.machine.memory.read("fm.wn") == 0

@@ -7,6 +7,7 @@
 ; after: word = 165
 ; after: wide = 165
 ; after: dark = 0
+; after: inner = -1
 ; after: waited = 0.1 +- 0.03
 .PROGRAM main()
   RESET
@@ -27,4 +28,5 @@
   SWAIT 2001,1
   RESET
   dark=SIG(1)
+  inner=SIG(2001)
 .END

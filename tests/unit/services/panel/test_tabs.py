@@ -25,12 +25,14 @@ class ConfirmingViewer(Viewer):
     """A viewer whose person clicks every button and confirms every question at once."""
 
     def __init__(self, client: Any) -> None:
-        parts: dict[str, Any] = {"client": SimpleNamespace(gui=None), "wizard": None, "log": None}
-        super().__init__(cell=CELL, watch=SimpleNamespace(client=client), **parts)
+        browser: Any = SimpleNamespace(gui=None)
+        watch: Any = SimpleNamespace(client=client)
+        rest: dict[str, Any] = {"wizard": None, "log": None}
+        super().__init__(cell=CELL, client=browser, watch=watch, **rest)
         self.questions: list[tuple[str, str]] = []  # label and text
         self.answers: list[tuple[str, str]] = []
 
-    def button(self, _label: str, action: Callable[[], object], **_: Any) -> Any:
+    def button(self, label: str, action: Callable[[], None], **_: Any) -> Any:
         """Click the button."""
         action()
 

@@ -158,6 +158,28 @@ def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:
 # --- the driver, on a real line -------------------------------------------------------------------
 
 
+def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
+    """Bytes that form no frame count as one lost frame; 10 % of lost frames are a fault."""
+    bench = RobotiqBench()
+    bench.read(GOOD)
+    (sample,) = bench.read(GOOD[:10] + GOOD)
+    assert (sample.counter, sample.status) == (3, "ok")
+    codes = [bench.read(GOOD[:9] + GOOD)[0].code for _ in range(60)]
+    assert codes[0] == ""
+    assert codes[-1] == "sensor_lossy"
+    assert bench.driver.counters()["lost"] == 61
+
+
+def test_readings_that_waited_too_long_are_dropped() -> None:
+    """After a stall of this process the age of pending readings is unknown."""
+    bench = RobotiqBench()
+    bench.read(GOOD)
+    assert bench.read(GOOD * 5, after_ns=NS_PER_S // 10) == []
+    assert bench.driver.counters()["late"] == 5
+    assert bench.driver.silence_fault().code == "overrun"
+    assert len(bench.read(GOOD)) == 1
+
+
 def test_a_missing_line_or_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """The cable may be plugged in later; the package has the command that installs it."""
     driver = robotiq_driver(section(device="/dev/no-such-line"), stale_after_s=STALE_S)

@@ -215,6 +215,13 @@ def test_a_calibration_is_refused_in_motion_and_without_inputs(bench: WrenchBenc
     assert send_calibration(WrenchBench(), demo_calibration(payload=HEAVY)).code == "payload"
 
 
+def test_an_invalid_calibration_is_refused(bench: WrenchBench) -> None:
+    """The refusal names the wrong field."""
+    reply = bench.ask(topics.CALIBRATE, CalibrationRequest(calibration_json='{"cell": 1}'))
+    assert (reply.accepted, reply.code) == (False, "malformed")
+    assert "cell" in reply.text
+
+
 def test_the_filters_delay_is_reported(bench: WrenchBench) -> None:
     """The delay is that of the low-pass plus half the median's window."""
     cell = bench.cell

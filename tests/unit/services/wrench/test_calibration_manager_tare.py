@@ -145,7 +145,7 @@ def test_a_tare_is_refused_exactly_above_its_limits(place: int, limit: float) ->
         tared, reply = tare(tool, [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
         assert reply.accepted is accepted
         assert (tared is tool) is not accepted
-    assert (reply.code, reply.value, reply.limit) == ("contact", value, limit)
+        assert accepted or (reply.code, reply.value, reply.limit) == ("contact", value, limit)
 
 
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3)

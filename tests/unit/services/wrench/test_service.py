@@ -136,6 +136,19 @@ def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> Non
     assert bench.published().force_N[2] == before
 
 
+def test_a_spike_during_several_steps_is_still_one_sample(bench: WrenchBench) -> None:
+    """The median counts samples: a spike that is read five times is one of three."""
+    bench.settle()
+    bench.sensor = {"force_N": (400.0, 400.0, 400.0)}
+    bench.step()
+    bench.silent = {"sensor"}
+    bench.step(5)
+    bench.silent, bench.sensor = set(), {}
+    for _ in range(6):
+        bench.step()
+        assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+
+
 def test_every_sample_triggers_the_service(bench: WrenchBench) -> None:
     """Its trigger is the sensor: the filter runs at the sensor's rate."""
     assert bench.service.trigger is not None

@@ -76,15 +76,6 @@ def test_left_middle_and_right_put_a_string_together_again(s: str, i: int, j: in
     assert bench(f"$MID($s,{i},{j})") == (s[i - 1 : i - 1 + max(j, 0)] if i > 0 else "")
 
 
-def test_decode_takes_only_separators_at_the_front_in_mode_1() -> None:
-    """Without a match nothing changes. The separator ignores case."""
-    bench = AsLanguage('$v = "ab;;c"', '$w = "XxxA"')
-    assert bench('$DECODE($v,";",1)') == ""
-    assert bench('$DECODE($v,";")') == "ab"
-    assert bench('$DECODE($v,";",1)') == ";;"
-    assert bench('$DECODE($w,"x",1)') == "Xxx"
-
-
 @pytest.mark.parametrize(("axis", "column"), [("RX", 0), ("RY", 1), ("RZ", 2)])
 def test_rx_ry_and_rz_turn_about_their_axis(axis: str, column: int) -> None:
     """The axis stays where it is, 90 degrees move the next one onto the one after."""
@@ -104,13 +95,3 @@ def test_a_six_character_field_reads_back_as_the_number_that_was_written(number:
     bench.memory.write("$f", str(bench("$ENCODE(/I6,n)")))
     assert bench("LEN($f)") == 6
     assert bench("VAL($f)") == number
-
-
-@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
-def test_the_default_format_keeps_eight_digits(number: float) -> None:
-    """VAL reads the text of $ENCODE back to the last bit but one."""
-    bench = AsLanguage()
-    bench.memory.write("n", number)
-    bench.memory.write("$t", str(bench("$ENCODE(n)")))
-    outcome = bench.outcome("VAL($t)")
-    assert outcome == pytest.approx(number, rel=1e-7, abs=1e-45) or outcome == "E0106"

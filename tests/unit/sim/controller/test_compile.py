@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.keywords import EMULATED
-from sim.as_language.special_functions import ALL_NAMES
-from sim.controller.compile import DEAR, INSTRUCTIONS
+from sim.controller.compile import INSTRUCTIONS
 from tests.fakes.as_bench import AsBench, program
 
 
@@ -58,11 +57,6 @@ def test_a_step_that_cannot_be_executed_stops_with_its_code(
 def test_the_instructions_that_are_executed_are_those_that_the_language_lists() -> None:
     """The check of a file reports all others."""
     assert set(INSTRUCTIONS) == EMULATED
-
-
-def test_every_word_of_a_dear_step_is_an_instruction_or_a_function() -> None:
-    """A word that is neither would never count."""
-    assert {*INSTRUCTIONS, *ALL_NAMES} >= DEAR
 
 
 WORDS = st.sampled_from(sorted(EMULATED - {"SWITCH"}))

@@ -1,4 +1,4 @@
-"""Errors of steps that wait, of handlers, and of impossible values."""
+"""Errors of steps that wait, and of impossible values."""
 
 import pytest
 
@@ -24,14 +24,6 @@ def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
     handled = AsBench(program("ONE handler", *lines) + other + handler).start()
     handled.advance(0.3)
     assert (handled.value("n"), handled.value("a"), handled.task.state) == (1, 1, "idle")
-
-
-def test_an_error_in_the_handler_stops_the_program() -> None:
-    """Handlers are not handled, and they must not move the arm."""
-    for line, code in (("x = 1/0", "E0108"), ("LMOVE HERE", "P0111")):
-        handler = program(line, "RETURNE", name="handler")
-        bench = AsBench(program("ONE handler", "x = 1/0") + handler)
-        assert bench.fail().code == code
 
 
 # --- waiting, values out of range, PROMPT ---------------------------------------------------------

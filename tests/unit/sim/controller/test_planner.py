@@ -62,13 +62,6 @@ def test_targets_that_cannot_be_reached_stop_before_anything_moves(line: str, co
     assert np.ptp(trace.mm, axis=0).max() < 1e-6
 
 
-def test_a_motion_ahead_that_cannot_be_reached_fails_at_its_own_step() -> None:
-    """The present motion is braked; the message names the step of the bad one."""
-    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "LMOVE SHIFT(p BY 0,2000,0)"))
-    assert bench.fail().code == "E6007"
-    assert bench.stopped_at == ("main", 4)
-
-
 @pytest.mark.parametrize("side", [1, -1])
 def test_three_points_give_an_arc_and_two_arcs_a_circle(side: int) -> None:
     """Radius 30 mm, the whole turn once, at the program's speed."""

@@ -87,6 +87,20 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     assert -change[:-2].min(initial=0.0) <= ACCEL_M_S2 * speed.decel_fraction * (1 + 1e-3) + 1e-4
 
 
+def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
+    """Past the wrist singularity joints 4 and 6 turn fast: they stay within their limits."""
+    start = np.radians([5.0, 20.0, -60.0, 0.0, -20.0, 0.0])
+    T = ARM.flange_pose(start)
+    turn = pin.utils.rotate("x", 0.7) @ pin.utils.rotate("y", 0.05)
+    motion = MotionGenerator(ARM, start)
+    goal = pin.SE3(T.rotation @ turn, T.translation)
+    assert motion.start_pose(goal, Speed(mechanical_m_s=0.5)) == ""
+    q = finish(motion)
+    assert motion.state == "done"
+    assert 0.9 < joint_speed_share(q) <= 1.0 + 1e-6
+    assert pin.log6(ARM.flange_pose(q[-1]).actInv(goal)).vector == pytest.approx(0, abs=1e-7)
+
+
 def test_braking_a_stream_never_goes_beyond_its_last_pose():
     """An arrived stream stops at once; one that is behind ramps down before its last pose."""
     motion = MotionGenerator(ARM, HOME)

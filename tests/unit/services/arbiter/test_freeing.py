@@ -217,3 +217,14 @@ def test_a_move_stops_at_its_own_force_rise() -> None:
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
+
+
+def test_without_a_calibration_the_force_rise_of_a_move_is_not_checked() -> None:
+    """The tool's weight turns with the tool; the ceiling counts."""
+    world = World().make_ready()
+    world.change("wrench", calibrated=False)
+    assert world.core.arm(world.inputs(), "jog").accepted
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    world.tick(50)
+    world.change("wrench", force_N=(0.0, 0.0, 50.0))
+    assert world.tick(2).permission is not None

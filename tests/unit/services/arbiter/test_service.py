@@ -157,6 +157,7 @@ def test_the_service_waits_at_the_source_of_the_target(
 ) -> None:
     """With the time that is given."""
     waits, reader = list[float](), cell.service.trigger
+    assert reader is not None
     monkeypatch.setattr(type(reader._source), "wait", lambda source, s: waits.append(s))
     reader.wait(0.25)
     assert waits == [0.25]

@@ -319,6 +319,7 @@ def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
     world.change("robot", hold=tripped("unexplained_motion", "3 mm"))
     world.tick()
     assert world.core.state == "FAULT"
+    assert [trip.code for trip in world.core.trips] == ["hold", "unexplained_motion"]
     world.change("robot", hold=None)
     assert world.core.clear(world.inputs()).accepted
 

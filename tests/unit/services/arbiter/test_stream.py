@@ -79,6 +79,7 @@ def test_during_a_fade_the_state_is_stopping_with_its_cause() -> None:
         assert periods < 2000
     status = world.core.status()
     assert (status.commander, status.trips[0].code) == ("regulator", "workspace")
+    assert world.commands[-1].limited
     reply = world.ask("operator")
     assert reply is not None
     assert (reply.accepted, reply.code) == (False, "not_armed")

@@ -376,3 +376,11 @@ def test_a_regulator_failure_that_is_a_fault_stops_at_once() -> None:
     assert world.tick().kind == "hold"
     assert world.core.state == "FAULT"
     assert world.core.status().trips[0].code == "sensor_sign"
+
+
+def test_a_target_for_the_controller_without_content_holds() -> None:
+    """It may begin, but then it has no content."""
+    world = world_with().make_armed()
+    world.propose(None, host="controller")
+    assert world.tick().permission is None
+    assert world.core.status().trips[0].code == "regulator"

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from common.config.arm import UNKNOWN_ARM
 from common.motion.convert import pose_of
 from common.motion.permission import outranks
+from forcemesh.faults import tripped
 from forcemesh.messages import (
     Accepted,
     Asker,
@@ -27,6 +28,7 @@ from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,
+    MOVE_JOINTS,
     PERIOD_NS,
     STOPPED,
     World,
@@ -95,6 +97,7 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     assert (reply.accepted, reply.code, reply.limit) == (False, "speed", LIMITS.speed_m_s)
     right = fast.replaced(modular_fraction=0.5)
     reply = world.core.set_speed(right)
+    assert reply.accepted
     assert reply.value == pytest.approx(LIMITS.speed_m_s)
     assert "250.0 mm/s" in reply.text
     world.core.move(MOVE_DOWN, world.inputs())
@@ -299,3 +302,31 @@ def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
     world.tick()
     world.propose(shifted())
     assert world.tick().kind == "setpoint"
+
+
+def test_the_speed_of_a_move_is_for_that_move_only() -> None:
+    """A fast move does not make the next one fast."""
+    world = World().make_armed()
+    slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
+    world.core.set_speed(slow)
+    world.core.move(MOVE_DOWN.replaced(speed_m_s=0.2), world.inputs())
+    speed = world.tick().speed
+    assert speed.mechanical_m_s * speed.modular_fraction == pytest.approx(0.2)
+    assert speed.accel_fraction == 0.3
+    world.report_goal("done")
+    assert world.tick().speed == slow
+    world.core.move(MOVE_JOINTS, world.inputs())
+    assert world.pass_s(0.2).kind == "goal"
+    assert world.tick().speed == slow
+
+
+def test_a_robot_that_holds_by_itself_stops_the_hand_over() -> None:
+    """Its lease may have ended: then the arbiter holds soon, and only an operator clears it."""
+    world = RobotWorld().give("program")
+    world.ask("operator")
+    for _ in range(200):
+        world.change("robot", hold=tripped("robot_holds", "lease 1 ended"), accepted=None)
+        World.tick(world)
+        assert world.core.status().commander == "none"
+    assert world.core.state == "HOLDING"
+    assert world.core.status().trips[-1].code == "robot_holds"

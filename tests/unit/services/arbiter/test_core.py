@@ -50,7 +50,7 @@ def test_an_arbiter_without_inputs_reports_its_start() -> None:
     """Its status is available before its first period."""
     status = World().core.status()
     assert (status.state, status.not_ready) == ("BOOT", ("starting",))
-    assert (status.lease, status.ownership) == (0, 0)
+    assert (status.lease, status.ownership, status.goal_id) == (0, 0, 0)
 
 
 def test_arming_needs_a_second_of_good_inputs() -> None:
@@ -184,7 +184,9 @@ def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
     assert_stopped(world, world.tick(), "HOLDING", "the robot holds: target out of reach")
 
     assert world.core.arm(world.inputs()).accepted
-    assert world.tick(50).permission is not None
+    assert world.tick(74).permission is not None
+    assert world.tick().permission is None  # after 0.3 s
+    assert world.core.arm(world.inputs()).accepted
     world.change("robot", hold=None)
     assert world.pass_s(1.0).permission is not None
 
@@ -287,7 +289,7 @@ def test_an_arbiter_that_continues_earlier_leases_is_no_restart():
 def test_a_process_begins_without_a_lease():
     """Only a replay gives other numbers."""
     status = World().core.status()
-    assert (status.lease, status.ownership) == (0, 0)
+    assert (status.lease, status.ownership, status.goal_id) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -307,3 +309,27 @@ def test_a_robot_with_another_challenge_has_ended_the_lease(hold: Trip | None, c
     world.change("robot", challenge=1)
     assert world.tick().permission is None
     assert (world.core.state, world.core.status().trips[-1].code) == ("HOLDING", code)
+
+
+def test_a_finding_of_the_robot_ends_a_hold_in_fault() -> None:
+    """Its own monitor may see what no report shows."""
+    world = World().make_armed()
+    world.core.hold("enough")
+    world.tick()
+    world.change("robot", hold=tripped("unexplained_motion", "3 mm"))
+    world.tick()
+    assert world.core.state == "FAULT"
+    assert [trip.code for trip in world.core.trips] == ["hold", "unexplained_motion"]
+    world.change("robot", hold=None)
+    assert world.core.clear(world.inputs()).accepted
+
+
+def test_an_error_of_the_robot_that_comes_after_the_stop_is_added_once() -> None:
+    """It may be the cause; the same one is no second cause."""
+    world = World().make_armed()
+    world.silent.add("sensor")
+    world.tick()
+    error = tripped("robot_error", "error 1203", value=1203.0)
+    world.change("robot", status=RobotStatus(faults=(error,)))
+    world.tick(3)
+    assert [trip.code for trip in world.core.trips] == ["sensor_silent", "robot_error"]

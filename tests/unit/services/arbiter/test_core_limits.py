@@ -14,7 +14,7 @@ from common.config.cell import LimitsSection
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between, rotation_from_vector
 from forcemesh.messages import PoseRecord
-from tests.fakes.arbiter_world import CELL, PERIOD_NS, STOPPED, T_START, World, shifted
+from tests.fakes.arbiter_world import CELL, PERIOD_NS, STOPPED, T_START, World, distance_m, shifted
 
 DT_S = PERIOD_NS * 1e-9
 LIMITS = CELL.limits
@@ -91,8 +91,8 @@ def test_a_limit_of_the_measured_arm_ends_every_motion(motion: str, row: str) ->
             world.messages["target"] = STOPPED  # else its set points are a step away
         world.change(name, **changes)
         assert (world.tick().permission is None) == is_over
-    (trip,) = world.core.status().trips
-    assert (trip.code, world.core.state) == (code, "HOLDING")
+        assert [trip.code for trip in world.core.trips] == [code] * is_over
+        assert (world.core.state == "HOLDING") == is_over
 
 
 @each_motion
@@ -144,3 +144,11 @@ def test_a_faulty_regulator_stays_within_speed_acceleration_and_workspace(propos
     for T in poses:
         tip = (T * CELL.tool.T_flange_tcp.pose).translation
         assert ((tip >= low) & (tip <= high)).all()
+
+
+def test_a_late_arbiter_advances_set_points_by_three_periods_at_most() -> None:
+    """From rest: a longer time would be a jump."""
+    world = World().make_active("regulator")
+    world.propose(shifted(x_m=0.1))
+    pose = world.tick(period_ns=10 * PERIOD_NS).pose
+    assert distance_m(pose, shifted()) == pytest.approx(LIMITS.accel_m_s2 * (3.0 * DT_S) ** 2)

@@ -13,8 +13,9 @@ from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
-from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
+from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
+from services.arbiter.freeing import Freeing
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
 
@@ -145,6 +146,7 @@ def test_no_other_command_is_accepted_meanwhile() -> None:
     """No move, no force feedback, no other purpose; hold is accepted."""
     world = loaded()
     assert back_off(world).accepted
+    assert world.core.state == "ACTIVE"
     assert world.core.move(MOVE_DOWN, world.inputs()).code == "busy"
     assert world.core.arm(world.inputs()).code == "state"
     world.propose(record_of(T_START))
@@ -217,3 +219,45 @@ def test_a_move_stops_at_its_own_force_rise() -> None:
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
+
+
+def test_without_a_calibration_the_force_rise_of_a_move_is_not_checked() -> None:
+    """The tool's weight turns with the tool; the ceiling counts."""
+    world = World().make_ready()
+    world.change("wrench", calibrated=False)
+    assert world.core.arm(world.inputs(), "jog").accepted
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    world.tick(50)
+    world.change("wrench", force_N=(0.0, 0.0, 50.0))
+    assert world.tick(2).permission is not None
+
+
+def test_it_leaves_a_fault_and_requires_a_robot() -> None:
+    """From FAULT and BOOT it is possible without a sensor, but never without the robot."""
+    world = World().make_armed()
+    world.silent.update({"sensor", "wrench"})
+    world.tick()
+    assert world.core.state == "FAULT"
+    world.pass_s(1.1)
+    assert back_off(world, confirmed=True).accepted
+    fresh = World()
+    fresh.silent.update({"sensor", "wrench"})
+    fresh.pass_s(1.1)
+    assert fresh.core.state == "BOOT"
+    fresh.silent.add("robot")
+    assert back_off(fresh, confirmed=True).accepted is False
+    fresh.silent.discard("robot")
+    fresh.pass_s(1.1)
+    assert back_off(fresh, confirmed=True).accepted
+
+
+def test_the_arbiters_own_goal_is_checked_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A goal beyond a limit is refused by its number, and the lease ends in a hold."""
+    monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
+    world = loaded()
+    reply = back_off(world)
+    assert (reply.accepted, reply.code) == (False, "speed")
+    assert (reply.value, reply.limit) == (2.0 * SPEED_M_S, SPEED_M_S)
+    for _ in range(20):
+        assert world.tick().kind == "hold"
+    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])

@@ -159,10 +159,11 @@ def test_a_change_from_jog_to_all_requires_a_hold() -> None:
     """Arming for less changes nothing; arming for more is refused with the remedy."""
     world = World().make_ready()
     assert world.core.arm(world.inputs(), "jog").accepted
-    assert world.core.arm(world.inputs(), "jog").code == "already"
+    again = world.core.arm(world.inputs(), "jog")
+    assert (again.accepted, again.code) == (True, "already")
     reply = world.core.arm(world.inputs(), "all")
     assert (reply.accepted, reply.code) == (False, "state")
-    assert "hold" in reply.text
+    assert "armed for jog alone: hold" in reply.text
     world.core.hold("now force")
     assert world.core.arm(world.inputs(), "all").accepted
     assert world.core.arm(world.inputs(), "jog").code == "already"

@@ -1,5 +1,7 @@
 """The arbiter on the bus: the age of every input, replies to requests, and hold before all."""
 
+from typing import Any
+
 import pytest
 
 from common.bus.memory_bus import MemoryCall
@@ -156,7 +158,8 @@ def test_the_service_waits_at_the_source_of_the_target(
     cell: Cellmates, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the time that is given."""
-    waits, reader = list[float](), cell.service.trigger
+    waits = list[float]()
+    reader: Any = cell.service.trigger
     monkeypatch.setattr(type(reader._source), "wait", lambda source, s: waits.append(s))
     reader.wait(0.25)
     assert waits == [0.25]

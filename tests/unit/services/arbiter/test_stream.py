@@ -79,6 +79,7 @@ def test_during_a_fade_the_state_is_stopping_with_its_cause() -> None:
         assert periods < 2000
     status = world.core.status()
     assert (status.commander, status.trips[0].code) == ("regulator", "workspace")
+    assert world.commands[-1].limited
     reply = world.ask("operator")
     assert reply is not None
     assert (reply.accepted, reply.code) == (False, "not_armed")
@@ -375,3 +376,11 @@ def test_a_regulator_failure_that_is_a_fault_stops_at_once() -> None:
     assert world.tick().kind == "hold"
     assert world.core.state == "FAULT"
     assert world.core.status().trips[0].code == "sensor_sign"
+
+
+def test_a_target_for_the_controller_without_content_holds() -> None:
+    """It may begin, but then it has no content."""
+    world = world_with().make_armed()
+    world.propose(None, host="controller")
+    assert world.tick().permission is None
+    assert world.core.status().trips[0].code == "regulator"

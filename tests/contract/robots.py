@@ -105,11 +105,6 @@ class Both:
         self.gateway.step(now_ns)
 
 
-def lock_step(bus: Bus, cell: CellConfig, network: MemoryNetwork) -> Gateway:
-    """Return a gateway with a wire in memory."""
-    return Gateway(bus, cell, LockStepLink(network, PORT, LinkEvents))
-
-
 def sim_rig() -> Rig:
     """The simulated robot on a virtual clock."""
     cell = load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S, "sim.gap_m": 0.1})

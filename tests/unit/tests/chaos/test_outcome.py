@@ -16,11 +16,12 @@ def test_a_cause_is_reported_and_the_status_shows_it(kind: Kind, seed: int, seco
     """Robot and arbiter that end together leave nobody with a cause: the status shows them."""
     case = Case("sim", "robot", kind, "press", seed)
     assert case.second_role == second
-    seen, unseen = ({"arm_ended": True, "status_shows": shows} for shows in (True, False))
     by_status_alone = [] if second == "arbiter" else ["nothing named a cause"]
-    assert violations(Outcome(case, causes=["stale"], **seen), LIMITS) == []
-    assert violations(Outcome(case, **seen), LIMITS) == by_status_alone
-    assert violations(Outcome(case, causes=["stale"], **unseen), LIMITS) == [
-        "forcemesh status did not show it"
-    ]
-    assert violations(Outcome(case, **unseen), LIMITS) != []
+    for causes, shows, broken in (
+        (["stale"], True, []),
+        (["stale"], False, ["forcemesh status did not show it"]),
+        ([], True, by_status_alone),
+    ):
+        outcome = Outcome(case, arm_ended=True, causes=causes, status_shows=shows)
+        assert violations(outcome, LIMITS) == broken
+    assert violations(Outcome(case, arm_ended=True), LIMITS) != []

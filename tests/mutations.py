@@ -80,6 +80,7 @@ JUDGES = {
     "services.arbiter.preflight": (
         "unit/services/arbiter/test_preflight",
         "unit/services/arbiter/test_preflight_contact",
+        "unit/services/arbiter/test_freeing",
         "unit/services/arbiter/test_watch",
         "unit/services/arbiter/test_core",
     ),

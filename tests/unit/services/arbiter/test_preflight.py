@@ -245,3 +245,15 @@ def test_the_reply_to_arm_reports_a_load_beyond_a_touch(over_N: float, reports: 
     assert bool(text) == reports
     world.silent = {"wrench"}
     assert load_text(world.inputs(), TERMS) == ""
+
+
+@pytest.mark.parametrize("name", ["robot", "wrench"])
+def test_force_and_workspace_are_not_checked_by_an_old_message(name: str) -> None:
+    """Its age is reported by another check."""
+    world = World().make_ready()
+    (check,) = (check for check in CHECKS if check.what.startswith("force below its ceiling"))
+    set_force(world, 2.0 * CELL.limits.force_N)
+    for purpose in ("all", "jog"):
+        assert world.core.arm(world.inputs(), purpose).code == "force"
+    world.silent.add(name)
+    assert list(check.failures(context_of(world))) == []

@@ -305,6 +305,14 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, pres
     assert now.yielding is before.yielding
 
 
+def test_a_change_before_the_first_sample_carries_nothing() -> None:
+    """After two requests within one period no motion has occurred."""
+    now = kept_over_restart(GuardState())
+    assert (now.first, now.worked) == (None, None)
+    flags = (now.began_free, now.touched, now.verified, now.found)
+    assert flags == (False, False, False, False)
+
+
 def test_a_lowered_set_point_is_no_rise_of_the_force() -> None:
     """The old force may fall first; after that it must not rise again."""
     turning = {"rotates": True, "limited": (True, True, False)}

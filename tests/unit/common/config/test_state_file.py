@@ -1,6 +1,8 @@
-"""Files that are state: on the disk before they are named, and whole when the disk is full."""
+"""Files that are state: whole after a kill at every step, and on the disk before they are named."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,3 +64,47 @@ def test_every_state_is_saved_like_this(module: str) -> None:
     text = (ROOT / module).read_text(encoding="utf-8")
     assert "replace_file(path, " in text
     assert ".write_text(" not in text
+
+
+KILLS = """
+import os, sys
+from pathlib import Path
+from common.config.state_file import replace_file
+
+path = Path(sys.argv[1])
+
+def exit_at_line(last):
+    count = 0
+    def trace(frame, event, _):
+        nonlocal count
+        if frame.f_code.co_filename.rpartition("/")[2] not in ("state_file.py", "pathlib.py"):
+            return None
+        if event == "line":
+            count += 1
+            if count > last:
+                os._exit(9)
+        return trace
+    sys.settrace(trace)
+
+last, code = 0, 9
+while code == 9:
+    replace_file(path, "old" * 10_000)
+    child = os.fork()
+    if child == 0:
+        exit_at_line(last)
+        replace_file(path, "new" * 10_000)
+        os._exit(0)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    text, last = path.read_text(), last + 1
+    print({"old" * 10_000: "old", "new" * 10_000: "new"}.get(text, "neither"))
+"""
+
+
+def test_a_kill_at_any_step_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
+    """The writer is killed at each line that it executes."""
+    command = [sys.executable, "-c", KILLS, str(tmp_path / "file.yaml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    states = done.stdout.split()
+    assert len(states) > 10
+    assert states == ["old"] * states.count("old") + ["new"] * states.count("new")
+    assert {"old", "new"} == set(states[:-1])  # of kills; nothing ends the last one

@@ -196,3 +196,10 @@ def test_each_machines_clock_has_one_offset(first_ns: int, later_ns: int) -> Non
     assert first == WALL_NS + 1000
     assert later - first == later_ns
     assert wall.written_ns(CLOCK, 700, 1000) == WALL_NS + 700
+
+
+@given(st.integers(-(2**63), -(2**50)) | st.integers(2**50, 2**64 - 1))
+def test_an_absurd_stamp_is_replaced_by_the_time_of_arrival(stamp_ns: int) -> None:
+    """A stamp far from the present changes no other time in the file."""
+    wall = WallClock(CLOCK, WALL_NS)
+    assert wall.written_ns(CLOCK, stamp_ns, 1000) == WALL_NS + 1000

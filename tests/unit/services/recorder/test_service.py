@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus
+from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from services.recorder import recording
 from services.recorder.reading import RecordedFile
 from tests.unit.services.recorder.conftest import TRIP, RecorderBench
@@ -207,3 +207,53 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(
     reply = begin(folder=tmp_path / "file" / "folder").start()
     assert reply.code == "recording"
     assert "Not a directory" in reply.text
+
+
+def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
+    """Cut by time, nothing is lost between two files, and each has its metadata."""
+    bench = begin(file_min=0.1)
+    bench.start()
+    bench.pass_s(20.0)
+    bench.stop()
+    files = bench.files()
+    assert len(files) == 4
+    assert [number for path in files for number in numbers(path)] == list(range(1, 201))
+    assert all(RecordedFile(path).cell is not None for path in files)
+
+
+def test_large_recordings_are_several_files(begin: Begin) -> None:
+    """They are cut by size."""
+    bench = begin(file_MB=1.0)
+    bench.start()
+    for step in range(60):
+        for number in range(200):
+            first = (step * 200 + number) * 100
+            text = "".join(chr(0x4E00 + at * 7919 % 20000) for at in range(first, first + 100))
+            bench.put(topics.WRENCH, WrenchAtTcp(reason=text))
+        bench.pass_s(STEP_S)
+    bench.stop()
+    assert len(bench.files()) > 1
+    assert all(path.stat().st_size < 2e6 for path in bench.files())
+
+
+def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
+    """There is one file, which continues until a stop."""
+    bench = begin(after_fault_s=1.0)
+    bench.start()
+    bench.trip()
+    bench.pass_s(3.0)
+    assert bench.status().recording
+    bench.stop()
+    (path,) = bench.files()
+    assert events(path) == ["force"]
+
+
+def test_a_start_replaces_a_recording_of_a_fault(begin: Begin) -> None:
+    """A requested recording is a separate file and does not end by itself."""
+    bench = begin(after_fault_s=1.0)
+    bench.pass_s(1.0)
+    bench.trip()
+    assert bench.start().accepted
+    bench.pass_s(3.0)
+    assert (bench.status().recording, bench.status().cause) == (True, "asked")
+    assert len(bench.files()) == 2

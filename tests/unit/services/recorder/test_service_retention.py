@@ -5,9 +5,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from services.recorder.reading import RecordedFile
 from tests.unit.services.recorder.conftest import WALL_NS, RecorderBench
 
 KEPT = 2
@@ -58,3 +60,21 @@ def test_the_newest_of_each_cell_and_code_are_kept_as_a_whole(
             }
             assert set(folder.glob("*")) == expected | kept
         assert list(Path(scratch).iterdir()) == [folder]  # no code is a path
+
+
+def test_a_file_that_cannot_be_read_is_kept_counted_and_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its cell and its code are unknown; the name does not prove them."""
+    bench = RecorderBench(tmp_path, after_fault_s=0.0, faults_kept=1)
+    broken = tmp_path / "demo-20200101T000000Z-STOP-force-01.mcap"
+    broken.write_bytes(b"\x89MCAP0\r\n")
+    for _ in range(3):
+        bench.trip()
+        bench.pass_s(1.0)
+    bench.recorder.close()
+    assert broken.exists()
+    (kept,) = set(bench.files()) - {broken}
+    assert RecordedFile(kept).about["number"] == "3"
+    assert bench.recorder.counters()["unreadable_files"] == 1
+    assert capsys.readouterr().err.count(f"{broken}: not a") == 1

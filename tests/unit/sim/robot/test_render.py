@@ -3,13 +3,17 @@
 import os
 import subprocess
 import sys
+from dataclasses import asdict
 
 import matplotlib.image
 import numpy as np
 import pytest
 
+from common.config.arm import arm_names, read_arm
 from sim.robot import render
+from sim.robot.arm import SimArm
 from sim.robot.render import RenderUnavailable, View, render_png
+from sim.robot.render_job import _camera
 from sim.robot.settings import SimSettings
 
 SETTINGS = SimSettings(tilt_deg=10.0)
@@ -68,3 +72,27 @@ def test_physics_runs_where_the_graphics_library_is_broken():
         check=False,
     )
     assert done.stdout.strip() == "nonsense", done.stderr
+
+
+@pytest.mark.parametrize("arm", arm_names())
+def test_the_camera_sees_the_whole_of_every_arm(arm):
+    """Every joint, the tool and the floor below the arm are inside of the picture."""
+    robot = SimArm(SimSettings(arm=arm, home_deg=read_arm(arm).home_deg), seed=0)
+    view = asdict(View())
+    camera = _camera(robot.data, view, robot.T_base_flange.translation)
+    azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
+    forward = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    up = np.cross(right, forward)
+    floor = robot.data.geom("floor").xpos * (0.0, 0.0, 1.0)
+    for point in (*robot.data.xpos[1:], floor):
+        offset_m = point - (camera.lookat - camera.distance * forward)
+        half_height = np.tan(np.radians(robot.model.vis.global_.fovy) / 2.0) * (offset_m @ forward)
+        assert abs(offset_m @ up) < 0.95 * half_height
+        assert abs(offset_m @ right) < 0.95 * half_height * view["width_px"] / view["height_px"]

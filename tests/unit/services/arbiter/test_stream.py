@@ -384,3 +384,12 @@ def test_a_target_for_the_controller_without_content_holds() -> None:
     world.propose(None, host="controller")
     assert world.tick().permission is None
     assert world.core.status().trips[0].code == "regulator"
+
+
+def test_a_set_point_that_the_joints_cannot_follow_is_the_joints_refusal() -> None:
+    """The limit that it violates, before any limit of the flange behind it."""
+    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
+    found = follow(at_rest(T_START), T_START, bounds, tick, dt_s=DT_S, joints=Refusing())
+    assert isinstance(found, Trip)
+    assert found.code == "acceleration"

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from controller.packet import PACKET_CHARS
+from controller.packet import PACKET_CHARS, Packet
 from controller.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
 from forcemesh.messages import Feedback, Gains, Vec3
 from services.gateway.driver import CENTRE_STEP_M
-from tests.fakes.gateway_world import GatewayWorld
+from tests.fakes.gateway_world import FaultyController, GatewayWorld
 
 GAINS = Gains(force_p_m_per_N=(1e-5, 1e-5, 1e-5))
 MORE = Gains(force_p_m_per_N=(2e-5, 2e-5, 2e-5))
@@ -126,3 +126,23 @@ def test_no_set_point_is_sent_until_feedback_has_ended(cell: FeedbackCell) -> No
     world.send(world.permitted("setpoint"))
     world.live(2)
     assert "malformed" in world.codes  # one without a pose
+
+
+class Ignoring(FaultyController):
+    """Receives the start of force feedback, and goes on without it."""
+
+    def _take(self, packet: Packet) -> None:
+        if packet.com == Com.FEEDBACK:
+            self._id = packet.id
+        else:
+            super()._take(packet)
+
+
+def test_a_controller_that_does_not_start_it_is_held() -> None:
+    """The gateway does not wait for ever for a feedback that it has commanded."""
+    world = GatewayWorld(Ignoring())
+    world.lease += 1
+    for _ in range(60):
+        world.send(world.permitted("feedback", feedback=Feedback(mode="position", gains=GAINS)))
+        world.live(10)
+    assert "feedback" in world.codes

@@ -30,6 +30,7 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.bus import Reading
 from forcemesh.messages import Health
+from services.sensor import driver_registry
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
 from tests.unit.common.config.test_calibration import calibration
@@ -200,3 +201,16 @@ def measured(duration_s: float) -> CoreLatency:
     found = receiver.recv()
     thread.join()
     return found
+
+
+def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sensor of a driver that is not ours is not opened; the text lists what is installed."""
+    cell = load_cell(CELLS / "rs007l-real.yaml", {"sensor.driver": "ftx"})
+    line = sensor_line(cell, is_up=False)
+    assert (line.result, line.remedy) == ("FAIL", REMEDIES["sensor.driver"])
+    assert "'ftx' is not installed here, installed: bota, rdt, robotiq" in line.found
+    monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
+    line = sensor_line(cell, is_up=False)
+    assert (line.result, line.found) == ("PASS", "ftx: installed; the sensor was not opened")

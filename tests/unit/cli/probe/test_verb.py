@@ -1,11 +1,12 @@
 """`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
 
+import os
 from pathlib import Path
 
 import pytest
 import yaml
 
-from cli.context import INTERRUPTED, OK, REFUSED
+from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
 from cli.probe import verb as probe_verb
 from common.config.load import dump_cell, load_cell, read_probe
 from sim.controller.behaviour import Behaviour
@@ -90,3 +91,50 @@ def test_an_interruption_closes_the_connection(
     controller.advance(1.0)
     assert controller.machine.memory.read("fp.go") == 0
     assert not out.exists()
+
+
+def test_what_was_measured_before_a_failure_is_written(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the variable on the controller was not set; the reason is the last line."""
+    connected(monkeypatch)
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--yes")
+    assert done.exit_code == NOT_WELL
+    assert "must type fp.ok=1" in done.output.splitlines()[-1]
+    assert read_probe(out).stages == ("a", "b")
+
+
+@pytest.mark.parametrize("missing", ["folder", "right"])
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(
+    missing: str, cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm would move for nothing."""
+    controller = connected(monkeypatch)
+    out = tmp_path / "place" / "probe.yaml"
+    if missing == "folder":
+        out.parent.write_text("")
+    else:
+        out.parent.mkdir()
+        monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    before = controller.machine.now_ns
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+    assert done.exit_code == USAGE
+    assert f"--out {out}: {out.parent} cannot be written" in done.output
+    assert controller.machine.now_ns == before
+
+
+def test_a_cell_file_that_names_a_missing_or_wrong_probe_can_be_measured(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verb writes that file, and needs only the address; the tuning comes later too."""
+    connected(monkeypatch)
+    cell = yaml.safe_load(cell_file.read_text())
+    cell["robot"]["probe"] = "probe.yaml"
+    cell_file.write_text(yaml.safe_dump(cell | {"tuning": "gone.yaml", "calibration": "no.yaml"}))
+    (tmp_path / "no.yaml").write_text("{")
+    out = tmp_path / "probe.yaml"
+    for _ in range(2):
+        assert run("probe", "--cell", cell_file, "--out", out, "--to", "a").exit_code == OK
+        assert read_probe(out).stages == ("a",)
+        out.write_text("probe: 99\n")

@@ -128,3 +128,16 @@ def test_a_far_step_or_a_later_sample_is_a_restart_and_no_loss(records: list[Rdt
     stream, kinds = follow_all(records)
     assert kinds == ["sample", "sample"]
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sign: int) -> None:
+    """The numbers are kept; the reason names axis and range."""
+    at = [0] * 6
+    at[axis] = sign * (1_900_000 if axis < 3 else 760_000)
+    saturated = sample_of(RdtRecord(1, 1, 0, tuple(at)), SCALE)
+    assert saturated.status == "saturated"
+    assert ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")[axis] in saturated.reason
+    assert ("200 N" if axis < 3 else "8 N m") in saturated.reason
+    assert (saturated.force_N + saturated.torque_Nm)[axis] == sign * (190.0 if axis < 3 else 7.6)

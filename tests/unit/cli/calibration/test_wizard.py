@@ -190,12 +190,13 @@ def test_an_arm_in_use_by_another_client_is_not_moved():
     _, ended = driven(lab, plan)
     assert ended == 3
     assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
-    for request, message in (
+    job: tuple[tuple[Any, Any], ...] = (
         (topics.CLEAR, Empty()),
         (topics.TARE, Empty()),
         (topics.ARM, ArmRequest()),
         (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
-    ):
+    )
+    for request, message in job:
         assert lab.bus.ask(request, message).accepted
         lab.world.advance(0.2)
     _, ended = driven(lab, plan)

@@ -214,3 +214,33 @@ def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure
     monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
     line = sensor_line(cell, is_up=False)
     assert (line.result, line.found) == ("PASS", "ftx: installed; the sensor was not opened")
+
+
+@pytest.fixture
+def _harmless(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave priority, memory and garbage collection of the tests as they are."""
+    monkeypatch.setattr(latency, "lock_memory", lambda: False)
+    monkeypatch.setattr(latency, "take_realtime_priority", lambda: False)
+    monkeypatch.setattr("gc.disable", lambda: None)
+
+
+@pytest.mark.usefixtures("_harmless")
+@pytest.mark.parametrize(("waited", "cause"), [(True, "other work"), (False, "the core")])
+def test_the_cause_of_the_longest_latency(
+    monkeypatch: pytest.MonkeyPatch, waited: bool, cause: str
+) -> None:
+    """The kernel counts what a thread waits for a processor; nothing waited: no other work ran."""
+    clock_ns, account_ns = [0], [0]
+
+    def sleep(duration_s: float) -> None:
+        late_ns = 30_000_000 if 40_000_000 < clock_ns[0] < 42_000_000 else 20_000
+        clock_ns[0] += round(duration_s * 1e9) + late_ns
+        account_ns[0] += late_ns if waited else 0
+
+    monkeypatch.setattr("time.sleep", sleep)
+    monkeypatch.setattr("time.monotonic_ns", lambda: clock_ns[0])
+    monkeypatch.setattr(latency, "waited_ns", lambda: account_ns[0])
+    found = measured(0.1)
+    assert max(found.late_s) == pytest.approx(0.03)
+    assert len(found.late_s) == 100 - 29  # what is over is not measured late again
+    assert found.cause == cause

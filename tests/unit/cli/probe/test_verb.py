@@ -138,3 +138,19 @@ def test_a_cell_file_that_names_a_missing_or_wrong_probe_can_be_measured(
         assert run("probe", "--cell", cell_file, "--out", out, "--to", "a").exit_code == OK
         assert read_probe(out).stages == ("a",)
         out.write_text("probe: 99\n")
+
+
+@pytest.mark.parametrize(("to", "stages"), [("a", ("a",)), ("b", ("a", "b"))])
+def test_the_last_stage_can_be_chosen(
+    to: str, stages: tuple[str, ...], cell_file: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Then nothing is asked; a line that differs is a failure, one that is no result is shown."""
+    text = TEXT.replace("ROUND(-5.662)", "-5").replace('$fp.n="mspeed"', '$fp.n="m speed"')
+    connected(monkeypatch, text)
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", to, "--yes")
+    assert done.exit_code == NOT_WELL
+    assert "DIFFERS line.round: expected -6, found -5" in done.output
+    assert "stage a: not a result: m speed" in done.stderr
+    assert read_probe(out).stages == stages

@@ -206,15 +206,11 @@ def test_rows_of_a_rotating_arm_are_left_out(seed):
 def test_a_gain_common_to_all_axes_is_called_undetermined():
     """A sensor that reads 3 % more and a heavier tool give the same readings."""
     rng = np.random.default_rng(3)
-    found = identify_payload(
-        read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng)
-    )
+    world = truth(WORLDS["gain 3 %"], rng)
+    found = identify_payload(read(world, attitudes(rng, 12), np.arange(12.0), rng))
     assert found.chosen.model.gain
     assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
     assert any(line.startswith("torque_gain") for line in found.undetermined)
-    gain = next(p for p in found.parameters if p.name == "force_gain.x")
-    bias = next(p for p in found.parameters if p.name == "bias_force_N.x")
-    assert gain.amplified > 3.0 * bias.amplified >= 3.0
 
 
 def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():

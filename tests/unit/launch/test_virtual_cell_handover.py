@@ -1,5 +1,6 @@
 """Handover between commanders in a whole cell, and a jog into the plate: rest, and no jump."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.errors import ArmStoppedError
+from forcemesh.messages import Host
 from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
 from tests.fakes.bench import DEMO
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
@@ -86,17 +88,15 @@ def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> Non
 
 def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
     """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
-    lab = Lab(load_cell(DEMO.with_name("demo-tcp.yaml")))
-    start = ForceStartRequest(mode="position", host="pc", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, start).accepted
-    lab.cell.advance(2.5)
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
-    ownership = lab.status.ownership
-    other = ForceStartRequest(mode="position", host="controller", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, other).accepted
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
-    lab.seconds_until(lambda: lab.now(lab.command).kind == "feedback", 1.0)
-    assert lab.status.ownership > ownership
-    lab.cell.advance(1.0)
-    assert lab.status.commander == "regulator"
-    assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
+    lab, ownership = Lab(load_cell(DEMO.with_name("demo-tcp.yaml"))), 0
+    hosts: tuple[tuple[Host, str], ...] = (("pc", "setpoint"), ("controller", "feedback"))
+    for host, kind in hosts:
+        start = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
+        assert lab.ask(topics.FORCE_START, start).accepted
+        lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
+        lab.seconds_until(partial(lambda kind: lab.now(lab.command).kind == kind, kind), 1.0)
+        assert lab.status.ownership > ownership
+        ownership = lab.status.ownership
+        lab.cell.advance(2.5)
+        assert lab.status.commander == "regulator"
+        assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import typer.main
@@ -28,16 +29,7 @@ from cli.bringup.judge import (
     judge_tuning,
     run_command,
 )
-from cli.bringup.needs import (
-    RunningCell,
-    Situation,
-    calibration_named,
-    cell_down,
-    cell_up,
-    probe_named,
-    situation_of,
-    tuning_named,
-)
+from cli.bringup.needs import RunningCell, Situation, cell_down, cell_up, situation_of
 from cli.bringup.steps import PAGE, STEPS, BringupStep
 from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED
 from common.config.cell import CellConfig
@@ -199,15 +191,9 @@ def test_an_interruption_after_a_motion_reports_no_rest(
     """The question after the commands: the arm has moved; the step stays as it was."""
     lab.run("--yes")
     lab.is_up, lab.ran = True, []
-
-    def interrupt(*_: object, **__: object) -> bool:
-        if not lab.ran:
-            return True
-        error = Abort()
-        error.__context__ = KeyboardInterrupt()
-        raise error
-
-    monkeypatch.setattr("cli.context.confirm", interrupt)
+    stopped = Abort()
+    stopped.__context__ = KeyboardInterrupt()
+    monkeypatch.setattr("cli.context.confirm", Mock(side_effect=[True, stopped]))
     code, output = lab.run()
     assert (code, lab.ran) == (INTERRUPTED, ["arm", "tune"])
     assert "interrupted: tune is not confirmed" in output
@@ -351,14 +337,14 @@ def test_a_cell_with_another_file_than_the_present_one_is_to_be_restarted(cell_f
 
 def test_a_file_that_the_cell_file_does_not_name_is_missing(cell_file: Path) -> None:
     """The remedy is the line to write."""
-    named = {"robot.probe": probe_named, "calibration": calibration_named, "tuning": tuning_named}
-    tree = yaml.safe_load(cell_file.read_text())
-    for key, need in named.items():
-        assert f"as {key}: set `" in need(Situation(cell_file, None))
-        section = tree["robot"] if key == "robot.probe" else tree
-        section[key.rpartition(".")[2]] = "file.yaml"
+    found, tree = Situation(cell_file, None), yaml.safe_load(cell_file.read_text())
+    assert "as robot.probe: set `" in needs.probe_named(found)
+    assert "as calibration: set `" in needs.calibration_named(found)
+    assert "as tuning: set `" in needs.tuning_named(found)
+    tree["robot"]["probe"] = tree["calibration"] = tree["tuning"] = "file.yaml"
     cell_file.write_text(yaml.safe_dump(tree))
-    assert [need(Situation(cell_file, None)) for need in named.values()] == ["", "", ""]
+    assert needs.probe_named(found) == needs.calibration_named(found) == ""
+    assert needs.tuning_named(found) == ""
 
 
 # --- steps ----------------------------------------------------------------------------------------

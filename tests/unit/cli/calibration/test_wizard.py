@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from cli.calibration.by_arm import drive
 from cli.calibration.gather import STILL_WITHIN_S, Gatherer
 from cli.calibration.wizard import CalibrationWizard
-from cli.context import INTERRUPTED
+from cli.context import INTERRUPTED, REFUSED
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
@@ -81,6 +82,33 @@ def assert_rests(lab: CalibrationLab) -> None:
     q = lab.world.arm.q_command
     lab.world.advance(0.5)
     assert lab.world.arm.q_command == pytest.approx(q, abs=1e-9)
+
+
+def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
+    """An interruption during a move: the arm brakes, and earlier readings are kept."""
+    lab = CalibrationLab()
+    lab.notes.at("pose 2 of 6: moving", Mock(side_effect=KeyboardInterrupt))
+    wizard, ended = driven(lab)
+    assert (ended, len(wizard.dwells)) == (INTERRUPTED, 1)
+    why = "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
+    assert why in lab.notes.lines[-1]
+    assert_rests(lab)
+
+
+def test_force_feedback_is_not_replaced_by_a_calibration():
+    """The client that presses keeps the arm."""
+    lab = CalibrationLab()
+    plan = lab.plan(**FEW)
+    for reply in (
+        lab.bus.ask(topics.TARE, Empty()),
+        lab.bus.ask(topics.ARM, ArmRequest()),
+        lab.bus.ask(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
+    ):
+        assert reply.accepted, reply.text
+    lab.world.advance(0.2)
+    assert driven(lab, plan)[1] == REFUSED
+    assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
+    assert status_of(lab).commander == "regulator"
 
 
 @pytest.fixture
@@ -160,46 +188,3 @@ def test_a_fault_while_reading_is_read_again(lab: CalibrationLab, gatherer: Gath
     arm.ft_sensor.disturb = lambda x: None if arm.time_s % 0.8 > 0.6 else x
     with pytest.raises(CalibrationError, match=r"failed twice: .*sensor/wrench stale"):
         gatherer.dwell("fit", 1.0, no_watch)
-
-
-def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
-    """An interruption during a move: the arm brakes, and earlier readings are kept."""
-    lab = CalibrationLab()
-
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    lab.notes.at("pose 2 of 6: moving", interrupt)
-    wizard, ended = driven(lab)
-    assert ended == INTERRUPTED
-    assert len(wizard.dwells) == 1
-    assert (
-        "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
-        in lab.notes.lines[-1]
-    )
-    assert status_of(lab).state == "HOLDING"
-    assert_rests(lab)
-
-
-def test_an_arm_in_use_by_another_client_is_not_moved():
-    """Neither a hold nor force feedback is replaced by a calibration."""
-    lab = CalibrationLab()
-    plan = lab.plan(**FEW)
-    lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
-    lab.world.advance(0.2)
-    _, ended = driven(lab, plan)
-    assert ended == 3
-    assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
-    job: tuple[tuple[Any, Any], ...] = (
-        (topics.CLEAR, Empty()),
-        (topics.TARE, Empty()),
-        (topics.ARM, ArmRequest()),
-        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
-    )
-    for request, message in job:
-        assert lab.bus.ask(request, message).accepted
-        lab.world.advance(0.2)
-    _, ended = driven(lab, plan)
-    assert ended == 3
-    assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
-    assert status_of(lab).commander == "regulator"

@@ -1,6 +1,7 @@
 """`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -96,61 +97,26 @@ def test_an_interruption_closes_the_connection(
 def test_what_was_measured_before_a_failure_is_written(
     cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here the variable on the controller was not set; the reason is the last line."""
-    connected(monkeypatch)
+    """Here the variable on the controller was not set; a line that is no result is shown."""
+    connected(monkeypatch, TEXT.replace('$fp.n="mspeed"', '$fp.n="m speed"'))
     out = tmp_path / "probe.yaml"
     done = run("probe", "--cell", cell_file, "--out", out, "--yes")
     assert done.exit_code == NOT_WELL
     assert "must type fp.ok=1" in done.output.splitlines()[-1]
+    assert "stage a: not a result: m speed" in done.stderr
     assert read_probe(out).stages == ("a", "b")
 
 
-@pytest.mark.parametrize("missing", ["folder", "right"])
 def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(
-    missing: str, cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The arm would move for nothing."""
-    controller = connected(monkeypatch)
-    out = tmp_path / "place" / "probe.yaml"
-    if missing == "folder":
-        out.parent.write_text("")
-    else:
-        out.parent.mkdir()
-        monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
-    before = controller.machine.now_ns
-    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
-    assert done.exit_code == USAGE
-    assert f"--out {out}: {out.parent} cannot be written" in done.output
-    assert controller.machine.now_ns == before
-
-
-def test_a_cell_file_that_names_a_missing_or_wrong_probe_can_be_measured(
     cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The verb writes that file, and needs only the address; the tuning comes later too."""
-    connected(monkeypatch)
-    cell = yaml.safe_load(cell_file.read_text())
-    cell["robot"]["probe"] = "probe.yaml"
-    cell_file.write_text(yaml.safe_dump(cell | {"tuning": "gone.yaml", "calibration": "no.yaml"}))
-    (tmp_path / "no.yaml").write_text("{")
-    out = tmp_path / "probe.yaml"
-    for _ in range(2):
-        assert run("probe", "--cell", cell_file, "--out", out, "--to", "a").exit_code == OK
-        assert read_probe(out).stages == ("a",)
-        out.write_text("probe: 99\n")
-
-
-@pytest.mark.parametrize(("to", "stages"), [("a", ("a",)), ("b", ("a", "b"))])
-def test_the_last_stage_can_be_chosen(
-    to: str, stages: tuple[str, ...], cell_file: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    """Then nothing is asked; a line that differs is a failure, one that is no result is shown."""
-    text = TEXT.replace("ROUND(-5.662)", "-5").replace('$fp.n="mspeed"', '$fp.n="m speed"')
-    connected(monkeypatch, text)
-    out = tmp_path / "probe.yaml"
-    done = run("probe", "--cell", cell_file, "--out", out, "--to", to, "--yes")
-    assert done.exit_code == NOT_WELL
-    assert "DIFFERS line.round: expected -6, found -5" in done.output
-    assert "stage a: not a result: m speed" in done.stderr
-    assert read_probe(out).stages == stages
+    """The arm would move for nothing: a file in place of the folder, a folder without the right."""
+    controller, out = connected(monkeypatch), tmp_path / "place" / "probe.yaml"
+    before = controller.machine.now_ns
+    for spoil in (out.parent.touch, out.parent.unlink):
+        spoil()
+        done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+        assert done.exit_code == USAGE
+        assert re.search(rf"--out {out}: {tmp_path}\S* cannot be written", done.output)
+        monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    assert controller.machine.now_ns == before

@@ -1,6 +1,7 @@
 """`tune` on a whole cell in virtual time: true values are identified, the arm returns."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -163,23 +164,20 @@ def run(cell: TuneCell, trial: TuningTrial) -> Readings:
     return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)
 
 
+@pytest.mark.parametrize(("noise_m", "presses"), [(1e-7, 1), (4e-5, 3), (4e-4, 0)])
 def test_a_press_is_repeated_until_it_determines_a_stiffness_or_is_refused(
-    monkeypatch,
+    noise_m: float, presses: int, monkeypatch
 ) -> None:
     """Repeatable positions need one press, scattered ones three; the error gives their results."""
-    cell = TuneCell()
-    rng = np.random.default_rng(1)
+    cell, rng = TuneCell(), np.random.default_rng(1)
     monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
-    for noise_m, presses in ((1e-7, 1), (4e-5, 3), (4e-4, None)):
-        measuring = TuningMeasurement(cell.client, TuningTrial())
+    measuring = TuningMeasurement(cell.client, TuningTrial())
 
-        def place(_monitor, level_N, _what, noise_m=noise_m):
-            return level_N / 2e4 + noise_m * rng.normal(), level_N
+    def place(_monitor, level_N, _what):
+        return level_N / 2e4 + noise_m * rng.normal(), level_N
 
-        monkeypatch.setattr(measuring, "_settled_point", place)
-        if presses is None:
-            with pytest.raises(DataError, match=r"3 presses showed .* press harder"):
-                measuring.press()
-            continue
+    monkeypatch.setattr(measuring, "_settled_point", place)
+    error = pytest.raises(DataError, match=r"3 presses showed .* press harder")
+    with nullcontext() if presses else error:
         measuring.press()
         assert len(measuring.readings.travel_m) == 5 * presses

@@ -411,16 +411,13 @@ def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
         assert f"pose {pose + 1}, left out: contact, or motion" in found.unidentified
 
 
-@pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])
-def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly(mass_kg) -> None:
+def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly() -> None:
     """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
-    payload = PAYLOAD.model_copy(update={"mass_kg": mass_kg})
+    payload, drift = PAYLOAD.model_copy(update={"mass_kg": 0.15}), CellErrors(drift=2.0)
     for seed in range(10):
-        right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
+        right = readings(payload, world=drift, seed=seed, poses=10)
         found = judge_installation(right, belief(payload))
         assert found.verdict == "right", [str(f) for f in found.findings]
         W = SIGNED[1 + seed]
-        wrong = readings(
-            payload, force=W, torque=W, world=CellErrors(drift=2.0), seed=seed, poses=10
-        )
+        wrong = readings(payload, force=W, torque=W, world=drift, seed=seed, poses=10)
         assert judge_installation(wrong, belief(payload)).verdict != "right"

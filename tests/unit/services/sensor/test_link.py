@@ -1,23 +1,23 @@
 """Connections to a sensor on real sockets: its stream over UDP, its page over HTTP."""
 
+import re
 import socket
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
 from forcemesh.clock import NS_PER_S
 from services.sensor.link import (
-    FETCH_AGAIN_S,
     REOPEN_AFTER,
     REPEAT_REQUEST_S,
     PageFetch,
     ReceivedDatagrams,
     UdpLink,
 )
-from services.sensor.netft_page import PATH
+from services.sensor.netft_page import PATH, parse
 from services.sensor.rdt import RdtCommand, request
 from tests.unit.services.sensor.test_netft_page import PAGE
 
@@ -87,54 +87,23 @@ def test_an_unanswered_request_is_repeated_and_at_last_from_a_new_socket(
     assert received(link, (REOPEN_AFTER + 1) * ASK_NS - 1).datagrams == [b"a record"]
 
 
-class SensorPage(BaseHTTPRequestHandler):
-    """A web server of a sensor; the test sets its answer."""
-
-    answer = (404, "")
-
-    def do_GET(self) -> None:
-        """Send the page."""
-        status, text = self.answer if self.path == PATH else (404, "")
-        self.send_response(status)
-        self.end_headers()
-        self.wfile.write(text.encode())
-
-    def log_message(self, *_: object) -> None:
-        """Log nothing."""
-
-
-def test_the_page_is_fetched_until_it_arrives_and_again_after_a_clear() -> None:
-    """Meanwhile the fault names the address and the error: of the network, of HTTP, of the text."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), SensorPage)
-    fetch = PageFetch("127.0.0.1", server.server_address[1])
-    thread = Thread(target=server.serve_forever, args=(0.02,))
-    thread.start()
-    now_ns = 1
-
-    def poll_until(fault: str = "", serial: str = "") -> None:
-        nonlocal now_ns
-        give_up_s = time.monotonic() + PATIENCE_S
-        while True:
-            read = fetch.poll(now_ns)
-            if (fault and fault in fetch.fault) or (read and read.serial == serial):
-                return
-            assert time.monotonic() < give_up_s, fetch.fault
-            time.sleep(0.01)
-            now_ns += round(FETCH_AGAIN_S * 0.5e9)
-
-    try:
-        poll_until(fault=f"{PATH}: HTTP 404")
-        SensorPage.answer = (200, "no page")
-        poll_until(fault="cfgfu")
-        SensorPage.answer = (200, PAGE)
-        poll_until(serial="FT27462")
-        fetch.clear()
-        assert fetch.fault == "not read yet"
-        SensorPage.answer = (200, PAGE.replace("FT27462", "FT00002"))
-        poll_until(serial="FT00002")
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+@pytest.mark.parametrize(
+    ("status", "text", "why"),
+    [(404, PAGE, "HTTP 404"), (200, "no page", "cfgfu"), (0, "", "refused"), (200, PAGE, "")],
+)
+def test_the_fault_of_a_page_names_the_address_and_the_error(
+    status: int, text: str, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the network, of HTTP, of the text; without an error there is a page until a clear."""
+    answer = SimpleNamespace(status=status, reason="", read=lambda _: text.encode())
+    server = Mock(request=Mock(side_effect=None if status else OSError("refused")))
+    server.getresponse.return_value = answer
+    monkeypatch.setattr("http.client.HTTPConnection", lambda *_, **__: server)
+    fetch = PageFetch("labsensor", 80)
+    fetch._fetch(1)
+    shown = rf"http://labsensor:80{PATH}: .*{why}" if why else "not read yet"
+    assert re.match(shown, fetch.fault)
+    fetch._next_ns = 2  # no further request
+    assert fetch.poll(1) == (None if why else parse(PAGE))
     fetch.clear()
-    poll_until(fault="refused")
+    assert fetch.fault == "not read yet"

@@ -14,12 +14,14 @@ from cli.replay_parts import recorded_part
 from cli.replay_service import replayed
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
+from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
 from forcemesh.errors import DataError
 from forcemesh.requests import ArmRequest, Empty, HoldRequest
 from forcemesh.topics import SERVED
+from services.arbiter.service import ArbiterService
 from services.recorder.reading import RecordedBytes, RecordedFile, play
 from services.regulator.gains import PiGains
 from services.regulator.service import Regulator
@@ -263,3 +265,33 @@ def test_a_recording_that_does_not_reach_back_far_enough_is_one_sentence(
     done = run("replay", path, "--to-service", role)
     assert (done.exit_code, done.stdout) == (2, "")
     assert "`forcemesh record start --past` includes the minutes in memory" in done.stderr
+
+
+def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
+    """By the health of the role, unknown without it; those in the recording are played."""
+    messages, _ = read(recorded(tmp_path, (*ARM, *HOLD), (*ARM, *HOLD)))
+    (note,) = recorded_part(messages, "arbiter").notes
+    assert note.startswith("3 requests were served before this, or are not in the recording: ")
+    assert recorded_part(messages, "regulator").notes == []
+    silent = [each for each in messages if each.topic != "regulator/health"]
+    (note,) = recorded_part(silent, "regulator").notes
+    assert note == "its health is not in the recording: requests served before are unknown"
+    old = Path(__file__).resolve().parents[2] / "corpus" / "recording-version-2.mcap"
+    (note,) = recorded_part(list(RecordedFile(old).raw_messages()), "regulator").notes
+    assert note == "recorded without requests: what they changed appears as a difference"
+
+
+def test_a_process_that_was_restarted_is_replayed_until_then(tmp_path: Path) -> None:
+    """What another process published is not compared with the first one."""
+    cell = RecordedCell(tmp_path)
+    cell.record("first", past=True)
+    world: Any = cell.world
+    world.kill("arbiter")
+    bus = world._bus("arbiter")
+    service = ArbiterService(bus, world.cell)
+    world.runners["arbiter"] = Runner(service, [HealthReporter(bus, world.cell)], world.clock)
+    world.advance(1.0)
+    messages, config = read(cell.stop("first"))
+    (note,) = recorded_part(messages, "arbiter").notes
+    assert note == "only until its process was restarted 1.600 s later"
+    assert [each.count for each in differences(messages, config, "arbiter")] == [0]

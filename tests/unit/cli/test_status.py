@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.status import DOWN, CellStatus, cell_status, is_well
+from cli.status import DOWN, CellStatus, cell_status, describe_number, is_well
 from common.config.cell import CellConfig
 from common.config.load import dump_cell
 from forcemesh import topics
@@ -94,3 +94,12 @@ def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> Non
     assert json.loads(well.stdout)["name"] == "hub"
     assert json.loads(silent.stdout)["alive"] is False
     assert json.loads(helper.stdout)["name"] == "recorder"
+
+
+def test_the_suffix_of_a_name_is_its_unit() -> None:
+    """Seconds as milliseconds, hertz as per second, fractions as percent."""
+    trip = "network round trip (median) 12.3 ms"
+    assert describe_number("framed_round_trip_p50_s", 0.0123) == trip
+    assert describe_number("sender_hz", 40.04) == "reports of the controller 40.0 /s"
+    assert describe_number("monitor_speed_fraction", 0.1) == "monitor speed 10.0 %"
+    assert describe_number("odd", 3.0) == "odd 3"

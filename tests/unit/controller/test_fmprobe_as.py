@@ -206,3 +206,12 @@ def test_the_program_lints_clean_but_for_words_that_are_to_come() -> None:
     assert not [f for f in report.findings if not UNKNOWN.match(lines[f.where.line - 1])]
     names = re.findall(r"[$#]?\bfp\.[a-z0-9.]*", TEXT)
     assert max(len(name.lstrip("$#")) for name in names) <= 15
+
+
+def test_a_program_that_has_not_finished_stage_a_is_refused() -> None:
+    """Its values would be those of another run."""
+    controller = ProbedController(Behaviour(step_s=5e-4), text=TEXT.replace('"stage.a"', '"later"'))
+    found = Found()
+    with pytest.raises(ProbeError, match="stage a has not finished"):
+        stage_a(controller.link(), found)
+    assert found.stages == []

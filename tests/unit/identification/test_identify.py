@@ -238,3 +238,12 @@ def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, pro
     path.write_text(text)
     with pytest.raises(DataError, match=rf"payload\.yaml.*{problem}"):
         load(path)
+
+
+def test_a_poorly_determined_parameter_is_named():
+    """With large torque noise the centre of mass is called uncertain, the mass is not."""
+    rng = np.random.default_rng(14)
+    samples = readings(TRUTH, attitudes(rng, 8), rng)
+    noisy = samples.torque_Nm + 0.5 * rng.normal(size=samples.torque_Nm.shape)
+    uncertain = identify_payload(Samples(samples.R_base_sensor, samples.force_N, noisy)).uncertain
+    assert [line.split()[0] for line in uncertain] == ["com_m", "bias_torque_Nm"]

@@ -201,3 +201,23 @@ def test_rows_of_a_rotating_arm_are_left_out(seed):
     assert rejected[0].reason == MOVING
     assert set(np.flatnonzero(moving)) - {len(samples) - 1} <= set(rejected[0].rows)
     assert len(rejected[0].rows) < len(samples) / 2
+
+
+def test_a_gain_common_to_all_axes_is_called_undetermined():
+    """A sensor that reads 3 % more and a heavier tool give the same readings."""
+    rng = np.random.default_rng(3)
+    world = truth(WORLDS["gain 3 %"], rng)
+    found = identify_payload(read(world, attitudes(rng, 12), np.arange(12.0), rng))
+    assert found.chosen.model.gain
+    assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
+    assert any(line.startswith("torque_gain") for line in found.undetermined)
+
+
+def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():
+    """Five rows of twenty are in contact and left out; fifteen remain."""
+    samples = dwells(np.random.default_rng(1))
+    torque = samples.torque_Nm.copy()
+    torque[45:50] += 0.5
+    screened, rejected = screen_samples(replace(samples, torque_Nm=torque))
+    assert [(r.reason, r.rows) for r in rejected] == [(CONTACT, tuple(range(45, 50)))]
+    assert len(screened) == 8

@@ -15,7 +15,7 @@ import pytest
 from common.bus.memory_bus import MemoryCall
 from common.motion.limits import Limits
 from forcemesh import topics
-from forcemesh.codec import decode_record
+from forcemesh.codec import decode_record, encode_record
 from forcemesh.messages import OPERATIONAL
 from forcemesh.requests import Empty, HoldRequest, Reply
 from forcemesh.topics import REQUESTS
@@ -151,4 +151,17 @@ def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> 
     lab = Lab(CELL)  # a request in each of its control periods
     STATES[state](lab)
     send_all(lab, requests)
+    assert_hold_works(lab)
+
+
+def test_a_hold_is_served_while_every_inbox_is_full() -> None:
+    """With invalid requests in every inbox the hold is executed within two periods."""
+    lab = Lab()
+    lab.lift()
+    for row in topics.REQUESTS:
+        for _ in range(16):
+            send(lab, row.key, encode_record(Empty()) if row is topics.CLEAR else b"\xc1")
+    lab.cell.advance(EVERY_S * 2)
+    assert lab.status.state not in OPERATIONAL
+    lab.cell.advance(EVERY_S * 8)  # until the queued requests are answered: a few in each period
     assert_hold_works(lab)

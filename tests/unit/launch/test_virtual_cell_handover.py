@@ -1,15 +1,19 @@
 """Handover between commanders in a whole cell, and a jog into the plate: rest, and no jump."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 from common.bus.configured_cell import ConfiguredCell
+from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.errors import ArmStoppedError
-from forcemesh.requests import MoveRequest, Reply
-from tests.fakes.lab import BRAKE_S, Lab
+from forcemesh.messages import Host
+from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
+from tests.fakes.bench import DEMO
+from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 MOST_RAD_S2 = 15.0  # of commanded joints: twice that of a goal's start, far below a jump
 LAST_SET_POINT_S = 0.03  # until set points in flight at the handover have arrived
@@ -80,3 +84,19 @@ def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> Non
     client.move.retract()
     assert abs(lab.force_N) < 2.0
     assert client.load_N() is None
+
+
+def test_a_change_of_the_loop_host_is_a_handover_too() -> None:
+    """From the PC to the controller: idle, rest, a new ownership; the arm presses again."""
+    lab, ownership = Lab(load_cell(DEMO.with_name("demo-tcp.yaml"))), 0
+    hosts: tuple[tuple[Host, str], ...] = (("pc", "setpoint"), ("controller", "feedback"))
+    for host, kind in hosts:
+        start = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
+        assert lab.ask(topics.FORCE_START, start).accepted
+        lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
+        lab.seconds_until(partial(lambda kind: lab.now(lab.command).kind == kind, kind), 1.0)
+        assert lab.status.ownership > ownership
+        ownership = lab.status.ownership
+        lab.cell.advance(2.5)
+        assert lab.status.commander == "regulator"
+        assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)

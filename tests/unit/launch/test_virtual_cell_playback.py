@@ -9,6 +9,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.codec import decode
 from forcemesh.messages import RobotCommand
+from forcemesh.requests import Empty, HoldRequest
 from launch.virtual_cell import VirtualCell, WorldClock
 from services.recorder.reading import RecordedBytes, RecordedFile, play
 from tests.fakes.bench import DEMO
@@ -67,3 +68,18 @@ def test_a_recording_played_into_an_armed_cell_moves_nothing(
     codes = played(lab.cell, recording)
     assert codes & {"two_writers", "no_lease"}
     assert lab.cell.runners["arbiter"].service._core.state == "FAULT"  # type: ignore[attr-defined]
+
+
+def test_arming_waits_for_a_slow_robot_to_report_the_end_of_the_last_lease() -> None:
+    """At 15 Hz the report of a moment ago still has the old challenge; the next one has not."""
+    lab = Lab(load_cell(DEMO, {"rates.robot_hz": 15.0}))
+    lab.cell.advance(0.5)
+    for _ in range(5):
+        assert lab.ask(topics.HOLD, HoldRequest()).accepted
+        lab.cell.advance(0.01)
+        assert lab.ask(topics.ARM, Empty()).code in {"wait", "ok"}
+        lab.cell.advance(0.09)
+        assert lab.ask(topics.ARM, Empty()).accepted
+        lab.cell.advance(0.5)
+        assert lab.status.state == "ARMED"
+        assert lab.state.hold is None

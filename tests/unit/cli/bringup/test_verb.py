@@ -8,10 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import typer.main
 import yaml
+from typer import Abort
 
 from cli.__main__ import app
 from cli.bringup import judge, needs, steps
@@ -29,7 +31,7 @@ from cli.bringup.judge import (
 )
 from cli.bringup.needs import RunningCell, Situation, cell_down, cell_up, situation_of
 from cli.bringup.steps import PAGE, STEPS, BringupStep
-from cli.context import NOT_WELL, OK, REFUSED
+from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED
 from common.config.cell import CellConfig
 from common.config.evidence import PROGRAMS, read_evidence
 from common.config.load import cell_hash, dump_cell, load_cell
@@ -183,6 +185,22 @@ def test_a_changed_input_and_again_make_a_step_due_again(lab: Lab) -> None:
     assert len(lab.ran) == 2
 
 
+def test_an_interruption_after_a_motion_reports_no_rest(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The question after the commands: the arm has moved; the step stays as it was."""
+    lab.run("--yes")
+    lab.is_up, lab.ran = True, []
+    stopped = Abort()
+    stopped.__context__ = KeyboardInterrupt()
+    monkeypatch.setattr("cli.context.confirm", Mock(side_effect=[True, stopped]))
+    code, output = lab.run()
+    assert (code, lab.ran) == (INTERRUPTED, ["arm", "tune"])
+    assert "interrupted: tune is not confirmed" in output
+    assert "nothing was moved" not in output
+    assert lab.states()[2] == "failed"  # as before: the cell was not up
+
+
 PRESS = {"setpoint_N": 5.0, "reached_s": 1.0, "mean_N": 4.98761, "ripple_N": 0.1, "peak_N": 5.4}
 
 
@@ -315,6 +333,18 @@ def test_a_cell_with_another_file_than_the_present_one_is_to_be_restarted(cell_f
     tree["payload"]["mass_kg"] = 1.23
     cell_file.write_text(yaml.safe_dump(tree))
     assert "has changed since the cell was started" in cell_up(Situation(cell_file, running))
+
+
+def test_a_file_that_the_cell_file_does_not_name_is_missing(cell_file: Path) -> None:
+    """The remedy is the line to write."""
+    found, tree = Situation(cell_file, None), yaml.safe_load(cell_file.read_text())
+    assert "as robot.probe: set `" in needs.probe_named(found)
+    assert "as calibration: set `" in needs.calibration_named(found)
+    assert "as tuning: set `" in needs.tuning_named(found)
+    tree["robot"]["probe"] = tree["calibration"] = tree["tuning"] = "file.yaml"
+    cell_file.write_text(yaml.safe_dump(tree))
+    assert needs.probe_named(found) == needs.calibration_named(found) == ""
+    assert needs.tuning_named(found) == ""
 
 
 # --- steps ----------------------------------------------------------------------------------------

@@ -1,11 +1,14 @@
 """`calibrate --manual` in a virtual cell: a scripted person jogs, types, removes poses, ends."""
 
+import os
+
 import numpy as np
 import pytest
 
 from cli.calibration.by_hand import HandOptions, PoseRecorder, calibrate, record_poses
 from cli.calibration.finish import Job
 from cli.calibration.output_files import OutputFiles
+from cli.terminal import typed_line
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from forcemesh import topics
@@ -123,3 +126,16 @@ def test_a_pose_can_be_removed_and_a_near_one_is_reported(lab):
     assert "only 0 degrees from an earlier one" in text
     assert "removed: 0 poses remain" in text
     assert "there is no pose to remove" in text
+
+
+def test_lines_are_read_without_waiting_and_the_end_of_input_is_q(monkeypatch):
+    """Without input the poll returns at once; a closed terminal ends the recording."""
+    read, write = os.pipe()
+    with os.fdopen(read) as stdin, os.fdopen(write, "w") as typed:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert typed_line() is None
+        typed.write("U\n")
+        typed.flush()
+        assert typed_line() == "u"
+        typed.close()
+        assert typed_line() == "q"

@@ -139,3 +139,15 @@ def test_only_a_verified_calibration_that_is_to_be_used_is_sent_and_loaded(
     assert {path.name for path in tmp_path.glob("*.yaml")} == names
     assert sentence in printed.getvalue().splitlines()[-1]
     assert bool(service.sent) == (error is not None)
+
+
+def test_a_tool_too_heavy_for_the_cell_is_refused_before_sending(tmp_path) -> None:
+    """Heavier than the limit of the gains: the sentence of the running cell, without asking it."""
+    light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
+    cell = CELL.model_copy(update={"contact": light})
+    service: Any = RunningCell()
+    job = Job(cell, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
+    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
+        assert store_result(job, findings(), service) == 1
+    assert "contact.inertia_kg is 0.5" in printed.getvalue().splitlines()[-1]
+    assert service.sent == []

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ import pytest
 from cli.calibration.by_arm import drive
 from cli.calibration.gather import STILL_WITHIN_S, Gatherer
 from cli.calibration.wizard import CalibrationWizard
+from cli.context import INTERRUPTED, REFUSED
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
-from forcemesh.requests import ArmRequest, HoldRequest, MoveRequest
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from identification.errors import CalibrationError
 from identification.excitation.plan import CalibrationPlan
 from sim.robot.ft_sensor import FtSample
@@ -80,6 +82,33 @@ def assert_rests(lab: CalibrationLab) -> None:
     q = lab.world.arm.q_command
     lab.world.advance(0.5)
     assert lab.world.arm.q_command == pytest.approx(q, abs=1e-9)
+
+
+def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
+    """An interruption during a move: the arm brakes, and earlier readings are kept."""
+    lab = CalibrationLab()
+    lab.notes.at("pose 2 of 6: moving", Mock(side_effect=KeyboardInterrupt))
+    wizard, ended = driven(lab)
+    assert (ended, len(wizard.dwells)) == (INTERRUPTED, 1)
+    why = "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
+    assert why in lab.notes.lines[-1]
+    assert_rests(lab)
+
+
+def test_force_feedback_is_not_replaced_by_a_calibration():
+    """The client that presses keeps the arm."""
+    lab = CalibrationLab()
+    plan = lab.plan(**FEW)
+    for reply in (
+        lab.bus.ask(topics.TARE, Empty()),
+        lab.bus.ask(topics.ARM, ArmRequest()),
+        lab.bus.ask(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
+    ):
+        assert reply.accepted, reply.text
+    lab.world.advance(0.2)
+    assert driven(lab, plan)[1] == REFUSED
+    assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
+    assert status_of(lab).commander == "regulator"
 
 
 @pytest.fixture

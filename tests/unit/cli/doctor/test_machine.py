@@ -30,6 +30,7 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.bus import Reading
 from forcemesh.messages import Health
+from services.sensor import driver_registry
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
 from tests.unit.common.config.test_calibration import calibration
@@ -200,3 +201,37 @@ def measured(duration_s: float) -> CoreLatency:
     found = receiver.recv()
     thread.join()
     return found
+
+
+def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sensor of a driver that is not ours is not opened; the text lists what is installed."""
+    cell = load_cell(CELLS / "rs007l-real.yaml", {"sensor.driver": "ftx"})
+    line = sensor_line(cell, is_up=False)
+    assert (line.result, line.remedy) == ("FAIL", REMEDIES["sensor.driver"])
+    assert "'ftx' is not installed here, installed: bota, rdt, robotiq" in line.found
+    monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
+    line = sensor_line(cell, is_up=False)
+    assert (line.result, line.found) == ("PASS", "ftx: installed; the sensor was not opened")
+
+
+@pytest.mark.parametrize(("waited", "cause"), [(True, "other work"), (False, "the core")])
+def test_the_cause_of_the_longest_latency(
+    monkeypatch: pytest.MonkeyPatch, waited: bool, cause: str
+) -> None:
+    """The kernel counts what a thread waits for a processor; nothing waited: no other work ran."""
+    for name in ("lock_memory", "take_realtime_priority", "gc.disable"):  # not of the tests
+        monkeypatch.setattr(f"cli.doctor.latency.{name}", lambda: None)
+    clock_ns, account_ns = [0], [0]
+
+    def sleep(duration_s: float) -> None:
+        late_ns = 30_000_000 if 40_000_000 < clock_ns[0] < 42_000_000 else 20_000
+        clock_ns[0] += round(duration_s * 1e9) + late_ns
+        account_ns[0] += late_ns if waited else 0
+
+    monkeypatch.setattr("time.sleep", sleep)
+    monkeypatch.setattr("time.monotonic_ns", lambda: clock_ns[0])
+    monkeypatch.setattr(latency, "waited_ns", lambda: account_ns[0])
+    found = measured(0.1)
+    assert (max(found.late_s), found.cause) == (pytest.approx(0.03), cause)

@@ -134,3 +134,11 @@ def test_a_reading_that_shows_no_value_is_null_with_its_reason(
     assert result.value is None
     assert why in result.why
     assert name not in file.behaviour
+
+
+def test_a_line_that_is_no_result_is_kept_as_malformed() -> None:
+    """It gives no value and no error."""
+    lines = ["a", "a b", "", "s 1", "line.x", "line.x 1 y", "b ? x", "a 1 2", "b ?", "line.x 1 ?",
+             "b ? inf", "a nan", "a inf", "s 1 nan", "line.x 1 inf"]  # fmt: skip
+    found = ProbeReadings.of([*lines, "a 1"])
+    assert found == ProbeReadings(numbers={"a": [1.0]}, malformed=lines)

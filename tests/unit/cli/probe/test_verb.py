@@ -1,11 +1,13 @@
 """`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
 
+import os
+import re
 from pathlib import Path
 
 import pytest
 import yaml
 
-from cli.context import INTERRUPTED, OK, REFUSED
+from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
 from cli.probe import verb as probe_verb
 from common.config.load import dump_cell, load_cell, read_probe
 from sim.controller.behaviour import Behaviour
@@ -90,3 +92,31 @@ def test_an_interruption_closes_the_connection(
     controller.advance(1.0)
     assert controller.machine.memory.read("fp.go") == 0
     assert not out.exists()
+
+
+def test_what_was_measured_before_a_failure_is_written(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the variable on the controller was not set; a line that is no result is shown."""
+    connected(monkeypatch, TEXT.replace('$fp.n="mspeed"', '$fp.n="m speed"'))
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--yes")
+    assert done.exit_code == NOT_WELL
+    assert "must type fp.ok=1" in done.output.splitlines()[-1]
+    assert "stage a: not a result: m speed" in done.stderr
+    assert read_probe(out).stages == ("a", "b")
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm would move for nothing: a file in place of the folder, a folder without the right."""
+    controller, out = connected(monkeypatch), tmp_path / "place" / "probe.yaml"
+    before = controller.machine.now_ns
+    for spoil in (out.parent.touch, out.parent.unlink):
+        spoil()
+        done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+        assert done.exit_code == USAGE
+        assert re.search(rf"--out {out}: {tmp_path}\S* cannot be written", done.output)
+        monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    assert controller.machine.now_ns == before

@@ -1,16 +1,17 @@
 """`tune` on a whole cell in virtual time: true values are identified, the arm returns."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cli.skills.contact_monitor import no_progress
-from cli.tune.measure import Readings, TuningTrial, measure
+from cli.tune.measure import Readings, TuningMeasurement, TuningTrial, measure
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.errors import NotReachedError, RefusedError
+from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
 from sim.robot.settings import TICK_S
 from tests.fakes.bench import DEMO
@@ -161,3 +162,22 @@ def test_the_verb_writes_and_sets_nothing_outside_the_range_of_the_law(
 def run(cell: TuneCell, trial: TuningTrial) -> Readings:
     """Measure only the steps."""
     return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)
+
+
+@pytest.mark.parametrize(("noise_m", "presses"), [(1e-7, 1), (4e-5, 3), (4e-4, 0)])
+def test_a_press_is_repeated_until_it_determines_a_stiffness_or_is_refused(
+    noise_m: float, presses: int, monkeypatch
+) -> None:
+    """Repeatable positions need one press, scattered ones three; the error gives their results."""
+    cell, rng = TuneCell(), np.random.default_rng(1)
+    monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
+    measuring = TuningMeasurement(cell.client, TuningTrial())
+
+    def place(_monitor, level_N, _what):
+        return level_N / 2e4 + noise_m * rng.normal(), level_N
+
+    monkeypatch.setattr(measuring, "_settled_point", place)
+    error = pytest.raises(DataError, match=r"3 presses showed .* press harder")
+    with nullcontext() if presses else error:
+        measuring.press()
+        assert len(measuring.readings.travel_m) == 5 * presses

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from bench.payload import CellErrors
 from common.config.payload import Payload
 from common.motion.frames import (
     Array,
@@ -408,3 +409,15 @@ def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
         found = judge_installation(replace(recorded, force_N=force), belief())
         assert found.verdict == ("wrong" if number else "right")
         assert f"pose {pose + 1}, left out: contact, or motion" in found.unidentified
+
+
+def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly() -> None:
+    """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
+    payload, drift = PAYLOAD.model_copy(update={"mass_kg": 0.15}), CellErrors(drift=2.0)
+    for seed in range(10):
+        right = readings(payload, world=drift, seed=seed, poses=10)
+        found = judge_installation(right, belief(payload))
+        assert found.verdict == "right", [str(f) for f in found.findings]
+        W = SIGNED[1 + seed]
+        wrong = readings(payload, force=W, torque=W, world=drift, seed=seed, poses=10)
+        assert judge_installation(wrong, belief(payload)).verdict != "right"

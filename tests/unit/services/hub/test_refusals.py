@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.hub import refusals
 from services.hub.refusals import LONGEST_LOGGED_TEXT, REPORT_EVERY_NS, RefusalParser
 from tools.tree import ROOT
 
@@ -143,3 +144,11 @@ def test_refusals_are_counted_and_reported_once_a_second() -> None:
     assert report.startswith("hub: refused unknown_name: hostile")
     assert report.isprintable()
     assert len(report) < LONGEST_LOGGED_TEXT + 100
+
+
+def test_only_the_beginning_of_a_flood_is_read() -> None:
+    """One step reads a bounded amount, and lines after the flood are read at once."""
+    limit = refusals.MOST_AT_ONCE_B // len(WARNING)
+    output = run(WARNING * 3, times=3 * limit, step_ns=REPORT_EVERY_NS // 20)
+    counted = int(output.rpartition(":")[2].strip(" }"))
+    assert 3 * (limit - 1) <= counted <= 3 * limit

@@ -192,3 +192,12 @@ def test_a_viser_that_bypasses_the_door_or_starts_otherwise_is_refused(monkeypat
     with pytest.raises(ForcemeshError, match=r"bypasses the panel's access|does not answer"):
         open_server(gate_of(door), door)
     listen("127.0.0.1", door.port).close()
+
+
+def test_the_command_line_precedes_the_environment_and_both_the_cell_file():
+    """Each of the three sources may have the address and the token."""
+    section = PanelSection(host="127.0.0.1", port=8081, token="a" * 16)
+    found = door_of(section, {"FORCEMESH_PANEL_TOKEN": TOKEN}, host=WIDE, port=9000)
+    assert (found.host, found.port, found.token) == (WIDE, 9000, TOKEN)
+    found = door_of(section, {})
+    assert (found.host, found.port, found.token) == ("127.0.0.1", 8081, "a" * 16)

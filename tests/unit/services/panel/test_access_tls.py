@@ -5,17 +5,16 @@ import datetime as dt
 import http.client
 import ssl
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import pytest
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 from cryptography.x509.oid import ExtendedKeyUsageOID
-from typer.testing import CliRunner
 from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
-from cli.__main__ import app
 from common.security.pki import make_authority, make_certificate, read_certificate, write_pair
 from forcemesh.errors import ForcemeshError
 from forcemesh.identity import NAMES, PAGE, PAGE_AUTHORITY
@@ -23,10 +22,17 @@ from services.panel.access import Door, context_of
 from services.panel.server import Gate, close_server, open_server
 from tests.chaos.common_net import free_port
 from tests.fakes.bench import CELL, DEMO
+from tests.fakes.verb_calls import run
 
 NOW = dt.datetime.now(dt.UTC)
 TOKEN = "0123456789abcdef"  # noqa: S105 - of this test
 WIDE = "0.0.0.0"
+
+
+def pki(*arguments: str, folder: Path) -> tuple[int, str]:
+    """Run `forcemesh pki`; return exit code and output."""
+    result = run("pki", *arguments, "--cell", DEMO, "--folder", folder)
+    return result.exit_code, result.output
 
 
 def test_for_other_hosts_there_is_no_panel_without_a_certificate(tmp_path, monkeypatch):
@@ -47,8 +53,7 @@ def test_for_other_hosts_there_is_no_panel_without_a_certificate(tmp_path, monke
 
 def test_pki_makes_the_pages_certificate_of_an_authority_of_its_own(tmp_path):
     """The bus does not trust it; it is for a server, under no name of the bus."""
-    arguments = ["init", "--host", "labpc", "--cell", str(DEMO), "--folder", str(tmp_path)]
-    assert CliRunner().invoke(app, ["pki", *arguments]).exit_code == 0
+    assert pki("init", "--host", "labpc", folder=tmp_path)[0] == 0
     page = read_certificate(tmp_path / f"{PAGE}.pem")
     page.verify_directly_issued_by(read_certificate(tmp_path / f"{PAGE_AUTHORITY}.pem"))
     with pytest.raises((InvalidSignature, ValueError)):
@@ -104,3 +109,19 @@ async def open_and_close(url: str, context: ssl.SSLContext, **options: Any) -> N
     """
     async with connect(url, ssl=context, proxy=None, **options):
         pass
+
+
+def test_the_pages_certificate_is_renewed_alone(tmp_path):
+    """For other names, or where an older folder has none; the bus keeps its certificates."""
+    assert pki("init", "--host", "labpc", folder=tmp_path)[0] == 0
+    hub = (tmp_path / "hub.pem").read_bytes()
+    assert pki("issue", PAGE, folder=tmp_path)[0] == 2  # it exists already
+    assert pki("issue", PAGE, "--again", "--host", "10.0.0.7", folder=tmp_path)[0] == 0
+    page = read_certificate(tmp_path / f"{PAGE}.pem")
+    names = page.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert "10.0.0.7" in [str(each) for each in names.get_values_for_type(x509.IPAddress)]
+    for path in tmp_path.glob("panel-*"):
+        path.unlink()  # as in an older folder
+    assert pki("issue", PAGE, folder=tmp_path)[0] == 0
+    assert pki("check", folder=tmp_path)[0] == 0
+    assert (tmp_path / "hub.pem").read_bytes() == hub

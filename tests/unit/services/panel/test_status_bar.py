@@ -12,7 +12,7 @@ from common.motion.convert import vec3
 from common.motion.frames import rotation_from_vector
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
-from forcemesh.messages import ArbiterStatus, RegulatorTarget, RobotState, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus, Health, RegulatorTarget, RobotState, WrenchAtTcp
 from services.panel.status_bar import force_display, strip
 from services.panel.watch import Snapshot
 from tests.fakes.bench import CELL
@@ -129,3 +129,38 @@ def test_without_a_fresh_wrench_the_display_has_no_number(wrench, hub_fault, los
     """Missing data is never shown as 0 N: there is no digit, but the reason."""
     shown = force_display(CELL, Snapshot(hub_fault=hub_fault, wrench=wrench))
     assert (shown["value"], shown["lost"]) == ("", lost)
+
+
+SLOW = {"gain_share": 0.543, "round_trip_s": 0.0618, "modelled_round_trip_s": 0.0337}
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "target", "note"),
+    [
+        (False, {}, ", not calibrated"),
+        (True, {"gain_share": 0.5}, ", gains at 50 %"),
+        (True, SLOW, ", gains at 54 %: loop delay 62 ms, model 34 ms"),
+    ],
+)
+def test_a_missing_calibration_and_lowered_gains_are_shown(calibrated, target, note):
+    """The number includes the weight of the tool; the gains follow the delay of the loop."""
+    wrench = fresh(WrenchAtTcp(calibrated=calibrated))
+    shown = force_display(CELL, reached(wrench=wrench, target=fresh(RegulatorTarget(**target))))
+    assert shown["caption"] == f"force |F|{note}"
+
+
+def test_the_bar_shows_each_service_with_its_rate_age_and_fault():
+    """A cell without a recorder lacks nothing; one that has stopped is missing."""
+    health = {
+        "hub": fresh(Health(rate_hz=250.0)),
+        "sensor": fresh(Health(rate_hz=500.0, fault="the cable is out")),
+        "recorder": fresh(None, "recorder/health missing", silent=True, age_s=9.0),
+    }
+    rows = {row["name"]: row for row in strip(CELL, reached(health=health), "view")["services"]}
+    assert rows["hub"] == {"name": "hub", "text": "250 Hz · 4 ms", "fault": ""}
+    assert rows["sensor"]["fault"] == "the cable is out"
+    assert rows["regulator"]["fault"]
+    assert "recorder" not in rows
+    health["recorder"] = fresh(Health(rate_hz=4.0), "recorder/health stale")
+    last = strip(CELL, reached(health=health), "view")["services"][-1]
+    assert last["fault"] == "recorder/health stale"

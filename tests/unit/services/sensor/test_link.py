@@ -1,14 +1,25 @@
-"""Stream of a sensor on a real socket. Its page: tests/contract/test_netft_client.py."""
+"""Connections to a sensor on real sockets: its stream over UDP, its page over HTTP."""
 
+import re
 import socket
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
 from forcemesh.clock import NS_PER_S
-from services.sensor.link import REOPEN_AFTER, REPEAT_REQUEST_S, ReceivedDatagrams, UdpLink
+from services.sensor.link import (
+    REOPEN_AFTER,
+    REPEAT_REQUEST_S,
+    PageFetch,
+    ReceivedDatagrams,
+    UdpLink,
+)
+from services.sensor.netft_page import PATH, parse
 from services.sensor.rdt import RdtCommand, request
+from tests.unit.services.sensor.test_netft_page import PAGE
 
 pytestmark = pytest.mark.realtime
 
@@ -74,3 +85,25 @@ def test_an_unanswered_request_is_repeated_and_at_last_from_a_new_socket(
     assert set(clients[:-1]) == {clients[0]}
     sensor.sendto(b"a record", clients[-1])
     assert received(link, (REOPEN_AFTER + 1) * ASK_NS - 1).datagrams == [b"a record"]
+
+
+@pytest.mark.parametrize(
+    ("status", "text", "why"),
+    [(404, PAGE, "HTTP 404"), (200, "no page", "cfgfu"), (0, "", "refused"), (200, PAGE, "")],
+)
+def test_the_fault_of_a_page_names_the_address_and_the_error(
+    status: int, text: str, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the network, of HTTP, of the text; without an error there is a page until a clear."""
+    answer = SimpleNamespace(status=status, reason="", read=lambda _: text.encode())
+    server = Mock(request=Mock(side_effect=None if status else OSError("refused")))
+    server.getresponse.return_value = answer
+    monkeypatch.setattr("http.client.HTTPConnection", lambda *_, **__: server)
+    fetch = PageFetch("labsensor", 80)
+    fetch._fetch(1)
+    shown = rf"http://labsensor:80{PATH}: .*{why}" if why else "not read yet"
+    assert re.match(shown, fetch.fault)
+    fetch._next_ns = 2  # no further request
+    assert fetch.poll(1) == (None if why else parse(PAGE))
+    fetch.clear()
+    assert fetch.fault == "not read yet"

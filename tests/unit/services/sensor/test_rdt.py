@@ -128,3 +128,16 @@ def test_a_far_step_or_a_later_sample_is_a_restart_and_no_loss(records: list[Rdt
     stream, kinds = follow_all(records)
     assert kinds == ["sample", "sample"]
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sign: int) -> None:
+    """The numbers are kept; the reason names axis and range."""
+    counts, value, limit = (1_900_000, 190.0, "200 N") if axis < 3 else (760_000, 7.6, "8 N m")
+    read = tuple(sign * counts * (number == axis) for number in range(6))
+    sample = sample_of(RdtRecord(1, 1, 0, read), SCALE)
+    assert sample.status == "saturated"
+    assert ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"][axis] in sample.reason
+    assert limit in sample.reason
+    assert (sample.force_N + sample.torque_Nm)[axis] == sign * value

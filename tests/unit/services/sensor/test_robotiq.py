@@ -1,8 +1,11 @@
 """The Robotiq FT 300: bytes and frames, and the driver on a line in memory."""
 
+import os
+import pty
 import random
 import struct
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -190,3 +193,20 @@ def test_a_missing_line_or_package_is_reported(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "serial", None)
     with pytest.raises(ConfigError, match="pip install pyserial"):
         robotiq_driver(section(), stale_after_s=STALE_S)
+
+
+@pytest.mark.realtime
+def test_pyserial_carries_request_and_stream() -> None:
+    """The line changes no byte, also not 0x0D, 0x11 and 0xFF."""
+    sensor_end, driver_end = pty.openpty()
+    driver = robotiq_driver(section(device=os.ttyname(driver_end)), stale_after_s=10.0)
+    driver.read(time.monotonic_ns())
+    assert os.read(sensor_end, 100) == start()
+    os.write(sensor_end, frame((0.13, -0.01, 2.56), (0.017, -0.001, 3.34)))
+    until_s, samples = time.monotonic() + 10.0, list[SensorSample]()
+    while not samples and time.monotonic() < until_s:
+        samples += driver.read(time.monotonic_ns())
+    assert [sample.force_N for sample in samples] == [pytest.approx((0.13, -0.01, 2.56))]
+    driver.close()
+    for end in (sensor_end, driver_end):
+        os.close(end)

@@ -1,5 +1,6 @@
 """Requests: refused, late, or executed once; those that stop always; and as they are published."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -300,3 +301,17 @@ def test_a_flood_is_counted_and_not_published() -> None:
     first, second = server.published()
     assert (first.skipped, second.skipped) == (2 * MOST_PER_S, 0)
     assert server.bus.requests_served == 3 * MOST_PER_S + 2
+
+
+def test_the_reply_leaves_before_the_message() -> None:
+    """A client must not wait for the record of its request."""
+    server = RequestServer(topics.CLEAR)
+    when: list[int] = []
+    call = SimpleNamespace(
+        data=encode_record(Empty()), answer=lambda _: when.append(len(server.published()))
+    )
+    server.transport.serve(server.address).waiting.append(call)  # type: ignore[arg-type]
+    (incoming,) = server.inbox.take_all()
+    incoming.reply(Reply(accepted=True))
+    assert when == [0]
+    assert len(server.published()) == 1

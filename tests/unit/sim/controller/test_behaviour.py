@@ -1,11 +1,13 @@
 """Answers to open questions: how each of them changes what a program does."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.config.cell_sim import SimSection
-from sim.controller.behaviour import Behaviour, behaviour_in
+from forcemesh.errors import ConfigError
+from sim.controller.behaviour import Behaviour, behaviour_in, behaviour_like
 from tests.fakes.as_bench import FAST, AsBench, program
 
 
@@ -62,3 +64,21 @@ def test_a_dear_step_costs_its_factor_and_every_other_step_one(step: str, dear: 
         times.append(bench.value("t"))
     first_s = 1e-3  # HERE, before the loop
     assert times[1] - times[0] == pytest.approx(first_s + 40 * 1e-3 * dear, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("behaviour: {motion_ahead: 3}\n", "did you mean motions_ahead?"),
+        ("behaviour: {motions_ahead: 5}\n", "behaviour.motions_ahead: "),
+        ("", "must hold a map of sections"),
+    ],
+)
+def test_a_mistake_in_the_file_of_a_probe_is_named(tmp_path: Path, text: str, words: str) -> None:
+    """With the file, the place and what is valid."""
+    path = tmp_path / "probe.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        behaviour_like(path)
+    assert words in str(refused.value)
+    assert str(path) in str(refused.value)

@@ -17,6 +17,7 @@ from controller.packet import (
 )
 from controller.packet_table import (
     COMMANDS,
+    GAIN_I,
     GAIN_P,
     ID_FIRST,
     ID_LAST,
@@ -305,3 +306,23 @@ def test_packets_in_the_ring_are_framed_at_once_taken_later_and_in_order() -> No
     assert len(gains) > RING // 2  # the ring is emptied faster than a test reads
     assert gains[-1] == RING
     talk.wait(lambda: talk.last(Com.HEALTH).vec[2] == 0, 1.0)
+
+
+@settings(max_examples=15)
+@given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
+def test_the_division_of_the_stream_makes_no_difference(
+    cuts: list[int], data: st.DataObject
+) -> None:
+    """Bytes come in any pieces, hello too; every packet is framed once, in order."""
+    talk = Talk()
+    talk.dial()
+    stream = HELLO + b"".join(
+        encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)
+    )
+    while stream:
+        size = data.draw(st.sampled_from(cuts))
+        talk.write(stream[:size])
+        stream = stream[size:]
+        talk.live(data.draw(st.sampled_from([0.0, 0.001, 0.02])))
+    talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
+    assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)

@@ -384,3 +384,13 @@ def test_a_target_for_the_controller_without_content_holds() -> None:
     world.propose(None, host="controller")
     assert world.tick().permission is None
     assert world.core.status().trips[0].code == "regulator"
+
+
+def test_the_time_of_set_points_is_that_of_the_wrenches() -> None:
+    """Without a newer one the set point stands, however often the arbiter wakes."""
+    world = world_with().make_active("regulator")
+    places = []
+    for periods in (0, 0, 0, 1, 2):
+        world.propose(shifted(z_m=-0.01), wrench_stamp_ns=MS + periods * PERIOD_NS)
+        places.append(distance_m(world.tick().pose, shifted()))
+    assert 0.0 < places[0] == places[1] == places[2] < places[3] < places[4]

@@ -1,5 +1,6 @@
 """RDT without a socket: bytes, counts, and the sequence of a stream."""
 
+import math
 import random
 
 import pytest
@@ -8,7 +9,10 @@ from hypothesis import strategies as st
 
 from common.config.cell_sensor import SensorSection
 from common.config.cell_terms import FrameSection
+from services.sensor.driver import NO_FAULT
 from services.sensor.rdt import (
+    FROZEN_AFTER_NS,
+    FROZEN_RECORDS,
     JUMP,
     LATE_WINDOW,
     RECORD,
@@ -128,3 +132,16 @@ def test_a_far_step_or_a_later_sample_is_a_restart_and_no_loss(records: list[Rdt
     stream, kinds = follow_all(records)
     assert kinds == ["sample", "sample"]
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
+
+
+@pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
+def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
+    """Six equal counts for the minimum time and number are frozen; one other count ends it."""
+    stream, faults = RdtStream(), []
+    for number in range(count):
+        stream.follow(record(number, counts=(5,) * 6), number * period_ns)
+        faults.append(stream.frozen_fault(number * period_ns).code)
+    since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
+    assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
+    stream.follow(record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
+    assert stream.frozen_fault(count * period_ns) == NO_FAULT

@@ -129,37 +129,18 @@ def test_the_process_completes_its_file_on_sigterm(cell: CellConfig, tmp_path: P
         assert read.is_whole
 
 
-@contextmanager
-def replaying(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run the verb `replay`."""
-    command = [sys.executable, "-m", "cli", "replay", str(path), *words]
-    options = {"cwd": ROOT, "stderr": subprocess.PIPE, "text": True}
-    environment = os.environ | {"FORCEMESH_RUN_FOLDER": str(path.parent)}
-    with subprocess.Popen(command, env=environment, **options) as process:  # type: ignore[call-overload]
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-@pytest.mark.long
 def test_a_replay_never_publishes_to_a_running_cell(cell: CellConfig, tmp_path: Path) -> None:
-    """Refused while another process publishes one of its topics; under another name it runs."""
-    path = recorded(tmp_path, of_every_topic(rounds=1))
-    cell_file = tmp_path / "cell.yaml"
+    """Refused while another process publishes one of its topics."""
+    path, cell_file = recorded(tmp_path, of_every_topic(rounds=1)), tmp_path / "cell.yaml"
     cell_file.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
+    command = [sys.executable, "-m", "cli", "replay", str(path), "--onto", str(cell_file)]
     with open_hub(cell) as hub:
         publisher = hub.playing("wrench").publisher(topics.WRENCH)
         tap = hub.playing(CLIENT).tap(topics.ROBOT_COMMAND, ROOM)
-        with replaying(path, "--onto", str(cell_file)) as process:
+        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
             while process.poll() is None:
                 publish_for(publisher, 0.05)
             assert process.returncode == 3
             assert process.stderr is not None
             assert "a cell demo is running there and publishes wrench" in process.stderr.read()
-        assert tap.take() is None
-        with replaying(path, "--onto", str(cell_file), "--as", "ghost", "--speed", "9") as process:
-            while process.poll() is None:
-                publish_for(publisher, 0.05)
-            assert process.returncode == 0
         assert tap.take() is None

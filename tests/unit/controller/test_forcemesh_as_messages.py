@@ -308,21 +308,14 @@ def test_packets_in_the_ring_are_framed_at_once_taken_later_and_in_order() -> No
     talk.wait(lambda: talk.last(Com.HEALTH).vec[2] == 0, 1.0)
 
 
-@settings(max_examples=15)
-@given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
-def test_the_division_of_the_stream_makes_no_difference(
-    cuts: list[int], data: st.DataObject
-) -> None:
+@pytest.mark.parametrize("size", [1, 62, 64, 190])
+def test_the_division_of_the_stream_makes_no_difference(size: int) -> None:
     """Bytes come in any pieces, hello too; every packet is framed once, in order."""
-    talk = Talk()
+    gains = [encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)]
+    talk, stream = Talk(), HELLO + b"".join(gains)
     talk.dial()
-    stream = HELLO + b"".join(
-        encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)
-    )
-    while stream:
-        size = data.draw(st.sampled_from(cuts))
-        talk.write(stream[:size])
-        stream = stream[size:]
-        talk.live(data.draw(st.sampled_from([0.0, 0.001, 0.02])))
+    for place in range(0, len(stream), size):
+        talk.write(stream[place : place + size])
+        talk.live(0.001)
     talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
     assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)

@@ -1,6 +1,5 @@
 """Requests: refused, late, or executed once; those that stop always; and as they are published."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -303,15 +302,11 @@ def test_a_flood_is_counted_and_not_published() -> None:
     assert server.bus.requests_served == 3 * MOST_PER_S + 2
 
 
-def test_the_reply_leaves_before_the_message() -> None:
+def test_the_reply_leaves_before_the_message(monkeypatch: pytest.MonkeyPatch) -> None:
     """A client must not wait for the record of its request."""
-    server = RequestServer(topics.CLEAR)
-    when: list[int] = []
-    call = SimpleNamespace(
-        data=encode_record(Empty()), answer=lambda _: when.append(len(server.published()))
-    )
-    server.transport.serve(server.address).waiting.append(call)  # type: ignore[arg-type]
-    (incoming,) = server.inbox.take_all()
-    incoming.reply(Reply(accepted=True))
-    assert when == [0]
-    assert len(server.published()) == 1
+    server, before = RequestServer(topics.CLEAR), list[int]()
+    answer = lambda _call, _data: before.append(len(server.published()))  # noqa: E731
+    monkeypatch.setattr(MemoryCall, "answer", answer)
+    server.send(encode_record(Empty()))
+    server.step()
+    assert (before, len(server.published())) == ([0], 1)

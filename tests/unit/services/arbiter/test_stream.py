@@ -25,7 +25,7 @@ from services.arbiter.stream import (
     step_stop,
 )
 from tests.fakes.arbiter_robot import RobotWorld
-from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted
+from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, distance_m, shifted
 
 DT_S = PERIOD_NS * 1e-9
 LIMITS = CELL.limits

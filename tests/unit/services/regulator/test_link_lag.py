@@ -6,12 +6,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import UNIT_QUATERNION, ZERO3, PoseRecord
@@ -142,21 +139,3 @@ def test_a_stall_neither_presses_nor_lifts(
     if lab.status.state not in {"HOLDING", "FAULT"}:
         lab.cell.advance(1.0)
         assert true_N() == pytest.approx(goal_N, abs=1.0)
-
-
-motions = st.lists(
-    st.tuples(*[st.floats(-2e-4, 2e-4)] * 3, st.floats(-1e-3, 1e-3)), min_size=40, max_size=80
-)
-
-
-@settings(max_examples=25, deadline=None)
-@given(motions, st.integers(0, 39))
-def test_commands_within_the_window_never_lag(steps, late) -> None:
-    """This holds for any path: forth and back, in circles, or at rest."""
-    commanded, sent, T = CommandHistory.of(CELL), [], pin.SE3.Identity()
-    for x, y, z, turn in steps:
-        T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
-        T.translation = T.translation + np.array([x, y, z])
-        sent.append(record_of(T))
-        is_known = late <= WINDOW and late < len(sent)
-        assert not commanded.lags(sent[-1], PERIOD_S, sent[-1 - late] if is_known else None)

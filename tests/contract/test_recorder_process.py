@@ -19,12 +19,13 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.messages import Health, WrenchAtTcp
-from forcemesh.requests import RecordRequest
+from forcemesh.requests import Empty, RecordRequest
 from forcemesh.topics import CLIENT
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.recorder.reading import RecordedFile
 from tests.chaos.common_net import free_port
 from tests.fakes.waiting import wait_until
+from tests.unit.services.recorder.test_recording import of_every_topic, recorded
 
 pytestmark = pytest.mark.realtime
 
@@ -99,3 +100,47 @@ def test_after_a_kill_the_file_opens_up_to_the_last_second(
     with path.open("rb") as stream, pytest.raises(Exception):  # noqa: B017, PT011 - of mcap, at the end
         other_read.extend(NonSeekingReader(stream).iter_messages(["wrench"], log_time_order=False))
     assert len(other_read) == len(wrenches)
+
+
+@pytest.mark.long
+def test_the_process_completes_its_file_on_sigterm(cell: CellConfig, tmp_path: Path) -> None:
+    """SIGTERM: the file is complete, nothing is lost; the reply to stop states its length."""
+    with (
+        open_hub(cell) as hub,
+        open_bus(cell, CLIENT, patience_s=PATIENCE_S) as client,
+        started(cell, tmp_path) as process,
+    ):
+        health = recorder_health(client)
+        publisher = hub.playing("wrench").publisher(topics.WRENCH)
+        assert client.ask(topics.RECORD_START, RecordRequest(label="one"), PATIENCE_S).accepted
+        publish_for(publisher, 0.5)
+        reply = client.ask(topics.RECORD_STOP, Empty(), PATIENCE_S)
+        assert " 0 lost" in reply.text
+        assert client.ask(topics.RECORD_START, RecordRequest(label="two"), PATIENCE_S).accepted
+        publish_for(publisher, 0.5)
+        message = health.read(client.clock.now_ns()).message
+        assert message is not None
+        assert message.counters["realtime"] == 0
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 0
+    for path in tmp_path.glob("*.mcap"):
+        read = RecordedFile(path)
+        assert len(list(read.messages("wrench"))) > 30
+        assert read.is_whole
+
+
+def test_a_replay_never_publishes_to_a_running_cell(cell: CellConfig, tmp_path: Path) -> None:
+    """Refused while another process publishes one of its topics."""
+    path, cell_file = recorded(tmp_path, of_every_topic(rounds=1)), tmp_path / "cell.yaml"
+    cell_file.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
+    command = [sys.executable, "-m", "cli", "replay", str(path), "--onto", str(cell_file)]
+    with open_hub(cell) as hub:
+        publisher = hub.playing("wrench").publisher(topics.WRENCH)
+        tap = hub.playing(CLIENT).tap(topics.ROBOT_COMMAND, ROOM)
+        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None:
+                publish_for(publisher, 0.05)
+            assert process.returncode == 3
+            assert process.stderr is not None
+            assert "a cell demo is running there and publishes wrench" in process.stderr.read()
+        assert tap.take() is None

@@ -91,6 +91,23 @@ def test_emulator_parses_the_file_and_knows_no_trap_in_it() -> None:
     assert f"lists {len(programs())} programs that begin with `fm.`" in page
 
 
+# Instructions of the E series manual (90209-1022), chapters 6 and 10, and of the TCP/IP manual.
+DOCUMENTED = """
+    ABS.SPEED ACCEL ACCURACY BASE BRAKE BREAK CALL CASE CP DECEL DECOMPOSE ELSE END FOR GOTO HERE
+    IF JMOVE LMOVE MC PCABORT PCEXECUTE POINT PRINT QTOOL RETURN SIGNAL SPEED TCP_ACCEPT
+    TCP_CLOSE TCP_END_LISTEN TCP_LISTEN TCP_RECV TCP_SEND TIMER TOOL TWAIT VALUE WAIT WHILE
+"""
+
+
+def test_every_instruction_is_documented() -> None:
+    """One that is not in the manual may be missing in a controller."""
+    code = [without_strings(line) for lines in programs().values() for line in lines]
+    steps = [line for line in code if not re.match(r"[\w.$#\[\],]+=", line)]
+    words = {word[0] for line in steps if (word := re.match(r"[A-Z_.]+\b", line))}
+    assert words <= set(DOCUMENTED.split())
+    assert len(words) > 30
+
+
 def test_no_format_of_an_option_is_used() -> None:
     """/K and /L may be missing in a controller; /S is of MM/S."""
     code = "\n".join(without_strings(line) for lines in programs().values() for line in lines)

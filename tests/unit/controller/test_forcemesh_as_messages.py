@@ -17,6 +17,7 @@ from controller.packet import (
 )
 from controller.packet_table import (
     COMMANDS,
+    GAIN_I,
     GAIN_P,
     ID_FIRST,
     ID_LAST,
@@ -305,3 +306,16 @@ def test_packets_in_the_ring_are_framed_at_once_taken_later_and_in_order() -> No
     assert len(gains) > RING // 2  # the ring is emptied faster than a test reads
     assert gains[-1] == RING
     talk.wait(lambda: talk.last(Com.HEALTH).vec[2] == 0, 1.0)
+
+
+@pytest.mark.parametrize("size", [1, 62, 64, 190])
+def test_the_division_of_the_stream_makes_no_difference(size: int) -> None:
+    """Bytes come in any pieces, hello too; every packet is framed once, in order."""
+    gains = [encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)]
+    talk, stream = Talk(), HELLO + b"".join(gains)
+    talk.dial()
+    for place in range(0, len(stream), size):
+        talk.write(stream[place : place + size])
+        talk.live(0.001)
+    talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
+    assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)

@@ -300,3 +300,13 @@ def test_a_flood_is_counted_and_not_published() -> None:
     first, second = server.published()
     assert (first.skipped, second.skipped) == (2 * MOST_PER_S, 0)
     assert server.bus.requests_served == 3 * MOST_PER_S + 2
+
+
+def test_the_reply_leaves_before_the_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client must not wait for the record of its request."""
+    server, before = RequestServer(topics.CLEAR), list[int]()
+    answer = lambda _call, _data: before.append(len(server.published()))  # noqa: E731
+    monkeypatch.setattr(MemoryCall, "answer", answer)
+    server.send(encode_record(Empty()))
+    server.step()
+    assert (before, len(server.published())) == ([0], 1)

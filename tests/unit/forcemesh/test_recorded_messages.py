@@ -6,6 +6,7 @@ N encoded it, recording-version-2.mcap what its recorder wrote.
 
 import base64
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from forcemesh.recorded_messages import READABLE_VERSIONS, decode_recorded, read
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
 from services.recorder.reading import RecordedFile, play
+from tests.fakes.verb_calls import run
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"
 DEMO = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
@@ -136,3 +138,18 @@ def test_an_old_recording_is_replayed_into_readers_of_today() -> None:
     headers = [decode(data, RobotState, "demo/robot/state")[0] for data in iter(tap.take, None)]
     assert {header.v for header in headers} == {SCHEMA_VERSION}
     assert len(headers) == sum(each.topic == "robot/state" for each in recorded)
+
+
+def test_the_verbs_open_an_old_recording(tmp_path: Path) -> None:
+    """Export, report and a service that is fed with it: nothing is unreadable or left out."""
+    count = sum(each.topic == "wrench" for each in RecordedFile(OLD).raw_messages())
+    assert f"wrench.csv: {count} rows" in run("export", OLD, "-o", tmp_path / "tables").output
+    page = tmp_path / "report.html"
+    assert "1 stops" in run("report", OLD, "-o", page, "--no-3d").output
+    assert "HOLDING · hold (501)" in page.read_text(encoding="utf-8")
+    out = run("replay", OLD, "--to-service", "wrench").output
+    # An older wrench service rounded its last digit otherwise.
+    assert all(float(most) < 1e-12 for most in re.findall(r"differs by at most (\S+)", out))
+    assert "differs in" not in out
+    (now,) = re.findall(r"^  wrench: (\d+) recorded, (\d+) now: ", out, re.MULTILINE)
+    assert now[0] == now[1] != "0"

@@ -1,18 +1,21 @@
 """Real time of a process: its priority, its memory, and the account of why a step was late."""
 
+import ctypes
 import gc
 import os
+import platform
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime import realtime, service
-from common.runtime.realtime import OTHERS, REALTIME, STOPPED, ProcessorAccount
+from common.runtime.realtime import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
@@ -189,3 +192,33 @@ def test_waiting_for_a_processor_is_the_work_of_others(
     assert found.cause_of(GAP_S) == cause
     found.fraction()  # waiting before the last health is not of this gap
     assert found.cause_of(GAP_S) == STOPPED
+
+
+def test_a_long_step_is_its_own_cause(schedstat: Path) -> None:
+    """Also while it waited for a processor in between."""
+    found = ProcessorAccount()
+    work(GAP_S)
+    found.stepped()
+    schedstat.write_text("77 5039000000 9\n")
+    assert found.cause_of(GAP_S) == OWN_WORK
+
+
+def test_without_the_right_a_process_requests_short_time_slices(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of every thread, by sched_setattr(2); policy and nice value are kept."""
+    asked: list[tuple[int, ...]] = []
+
+    def syscall(number: int, thread: int, attributes: bytes, _: int) -> None:
+        asked.append((number, thread, *realtime.SCHED_ATTR.unpack(attributes)))
+
+    def refuse(_policy: int, _priority: int) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(realtime, "_set_all_threads", refuse)
+    monkeypatch.setattr(realtime, "_threads", lambda _: [os.getpid(), 0])
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: SimpleNamespace(syscall=syscall))
+    assert not realtime.take_realtime_priority()
+    attributes = (48, 0, 0x08, os.nice(0), 0, 500_000, 0, 0)  # 8: keep the policy
+    assert asked == [(314, thread, *attributes) for thread in (os.getpid(), 0)]

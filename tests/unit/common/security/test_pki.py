@@ -143,3 +143,18 @@ def test_everything_that_is_wrong_with_a_certificate_is_named(folder: Path) -> N
     assert "no certificate" in output["operator"]
     assert "no key" in output["monitor"]
     assert set(output) == set(NAMES) - {"arbiter", "recorder", "panel"}
+
+
+@pytest.mark.parametrize("name", ["wrench", "operator"])
+def test_an_older_certificate_that_could_be_the_hub_is_wrong(
+    folder: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Named, with the verb that makes a new one, and the one that ends a stolen one."""
+    with monkeypatch.context() as older:
+        older.setattr("common.security.pki.HUB", name)  # it was valid for both ends of a link
+        issue(folder, name)
+    (finding,) = wrong(folder)
+    assert (finding.verdict, finding.name) == ("wrong", name)
+    assert "can stand in for the hub until 2027-01-01" in finding.text
+    assert "forcemesh pki init --again" in finding.text
+    assert finding.remedy == f"forcemesh pki issue {name} --again"

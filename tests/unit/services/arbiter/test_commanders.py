@@ -330,3 +330,23 @@ def test_a_robot_that_holds_by_itself_stops_the_hand_over() -> None:
         assert world.core.status().commander == "none"
     assert world.core.state == "HOLDING"
     assert world.core.status().trips[-1].code == "robot_holds"
+
+
+def test_the_arm_rests_for_a_tenth_of_a_second_before_the_next_owner() -> None:
+    """Exactly so long, from the first report of an arm at rest."""
+    world = RobotWorld().give("program")
+    world.ask("operator")
+    settle(world)
+    assert world.began_moving[::-1].index(True) == 0.1e9 / PERIOD_NS + 1
+
+
+def test_an_arm_that_does_not_come_to_rest_within_three_seconds_is_held() -> None:
+    """No owner begins on a moving arm; the reason names the one who waited."""
+    world = RobotWorld(brake_periods=10**6).give("program")
+    world.ask("operator")
+    world.tick(round(3e9) // PERIOD_NS)
+    assert world.core.state == "SETTLING"
+    world.tick(2)
+    assert world.core.state == "HOLDING"
+    (trip,) = world.core.status().trips
+    assert (trip.code, "operator" in trip.text) == ("handover", True)

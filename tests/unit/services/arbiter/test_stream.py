@@ -25,7 +25,7 @@ from services.arbiter.stream import (
     step_stop,
 )
 from tests.fakes.arbiter_robot import RobotWorld
-from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted
+from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, distance_m, shifted
 
 DT_S = PERIOD_NS * 1e-9
 LIMITS = CELL.limits
@@ -393,3 +393,13 @@ def test_a_set_point_that_the_joints_cannot_follow_is_the_joints_refusal() -> No
     found = follow(at_rest(T_START), T_START, bounds, tick, dt_s=DT_S, joints=Refusing())
     assert isinstance(found, Trip)
     assert found.code == "acceleration"
+
+
+def test_the_time_of_set_points_is_that_of_the_wrenches() -> None:
+    """Without a newer one the set point stands, however often the arbiter wakes."""
+    world = world_with().make_active("regulator")
+    places = []
+    for periods in (0, 0, 0, 1, 2):
+        world.propose(shifted(z_m=-0.01), wrench_stamp_ns=MS + periods * PERIOD_NS)
+        places.append(distance_m(world.tick().pose, shifted()))
+    assert 0.0 < places[0] == places[1] == places[2] < places[3] < places[4]

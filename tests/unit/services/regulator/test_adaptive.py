@@ -253,3 +253,16 @@ def test_both_stay_within_their_bounds_for_any_sample(samples) -> None:
         stiffness.update(travel, force, dt_s=DT_S, settings=FIT)
         assert softest <= response.share <= 1.0
         assert SOFTEST_CONTACT_N_M <= stiffness.k_N_m <= STIFFEST_N_M
+
+
+@given(st.floats(15.0, 250.0), st.floats(200.0, 2e5))
+def test_a_late_sample_has_the_gain_of_a_loop_with_that_period(rate_hz, k_N_m) -> None:
+    """Samples at another rate than 250 Hz have gain and prediction of a cell of that rate."""
+    rates = CELL.rates.model_copy(update={"control_hz": rate_hz})
+    slower = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
+    of_sample, of_cell = (
+        gain_for([k_N_m] * 3, RULE, replace(each, softest_N_m=0.0), 1.0 / rate_hz)
+        for each in (SETTINGS, slower)
+    )
+    for one, other in zip(of_sample, of_cell, strict=True):
+        assert one == pytest.approx(other, rel=1e-9)

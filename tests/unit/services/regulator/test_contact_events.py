@@ -383,3 +383,17 @@ def test_a_replay_continues_the_contact_of_before() -> None:
     events = bench.taken()
     assert {(event.number, event.state, event.slid_m) for event in events} == {(7, "free", 0.1)}
     assert events[0].duration_s == pytest.approx(0.5 + PERIOD_S, abs=0.005)
+
+
+def test_without_inputs_the_state_is_unknown_from_the_last_sample_on() -> None:
+    """The state ends there with its peak; a contact found again is no impact."""
+    run = ContactRun()
+    run.play([SEARCH, PRESS])
+    last_ns = run.at_ns
+    run.tracker.fail("stale", "wrench stale")
+    unknown = run.tracker.event
+    assert (unknown.state, unknown.valid, unknown.code) == ("unknown", False, "stale")
+    assert (unknown.since_ns, unknown.before_peak_N) == (last_ns, pytest.approx(10.0))
+    run.at_ns += 10**9
+    run.play([Phase(0.1, 10.0, law="contact")])
+    assert (run.events[-1].state, run.events[-1].before) == ("contact", "unknown")

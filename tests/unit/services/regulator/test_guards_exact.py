@@ -322,3 +322,13 @@ def test_a_lowered_set_point_is_no_rise_of_the_force() -> None:
     assert trip is None
     now, _ = watched(now, at_6_N, SETTINGS)
     assert watched(now, at_30_N, SETTINGS)[1] is not None
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
+    """2 N m over 10 mrad are 0.02 J; in mode position the tool turns for others."""
+    now = GuardState(touched=True)
+    for R in (DOWN, pin.utils.rotate("z", 0.01) @ DOWN):
+        sample = guard_sample("contact", R=R, torque_Nm=(0.0, 0.0, 2.0), rotates=turns)
+        now, _ = watched(now, sample, SETTINGS)
+    assert now.environment_work_J == pytest.approx(0.02 if turns else 0.0)

@@ -125,3 +125,15 @@ def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
     stopped_at = bench.p_tcp_m
     bench.pass_s(0.3)
     assert bench.p_tcp_m == pytest.approx(stopped_at, abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
+def test_force_and_path_together_are_within_the_speed_limit(direction, share) -> None:
+    """The path takes the rest of the period's motion that the force leaves."""
+    pushed_m = 2e-4 * share * np.array(direction) / max(1.0, float(np.linalg.norm(direction)))
+    axis = np.array([0.0, 0.0, 1.0])
+    route = path_along(
+        (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
+    )
+    _, shift = advance(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
+    assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)

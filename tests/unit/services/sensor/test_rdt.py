@@ -1,5 +1,6 @@
 """RDT without a socket: bytes, counts, and the sequence of a stream."""
 
+import math
 import random
 
 import pytest
@@ -8,7 +9,10 @@ from hypothesis import strategies as st
 
 from common.config.cell_sensor import SensorSection
 from common.config.cell_terms import FrameSection
+from services.sensor.driver import NO_FAULT
 from services.sensor.rdt import (
+    FROZEN_AFTER_NS,
+    FROZEN_RECORDS,
     JUMP,
     LATE_WINDOW,
     RECORD,
@@ -141,3 +145,16 @@ def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sig
     assert ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"][axis] in sample.reason
     assert limit in sample.reason
     assert (sample.force_N + sample.torque_Nm)[axis] == sign * value
+
+
+@pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
+def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
+    """Six equal counts for the minimum time and number are frozen; one other count ends it."""
+    stream, faults = RdtStream(), []
+    for number in range(count):
+        stream.follow(record(number, counts=(5,) * 6), number * period_ns)
+        faults.append(stream.frozen_fault(number * period_ns).code)
+    since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
+    assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
+    stream.follow(record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
+    assert stream.frozen_fault(count * period_ns) == NO_FAULT

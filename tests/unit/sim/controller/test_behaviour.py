@@ -1,11 +1,15 @@
 """Answers to open questions: how each of them changes what a program does."""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.config.cell_sim import SimSection
-from sim.controller.behaviour import Behaviour, behaviour_in
+from forcemesh.errors import ConfigError
+from sim.controller.__main__ import main
+from sim.controller.behaviour import Behaviour, behaviour_in, behaviour_like
 from tests.fakes.as_bench import FAST, AsBench, program
 
 
@@ -62,3 +66,24 @@ def test_a_dear_step_costs_its_factor_and_every_other_step_one(step: str, dear: 
         times.append(bench.value("t"))
     first_s = 1e-3  # HERE, before the loop
     assert times[1] - times[0] == pytest.approx(first_s + 40 * 1e-3 * dear, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("behaviour: {motion_ahead: 3}", "did you mean motions_ahead?"), ("", "must hold a map")],
+)
+def test_a_mistake_in_the_file_of_a_probe_is_named(tmp_path: Path, text: str, words: str) -> None:
+    """With what is valid."""
+    path = tmp_path / "probe.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        behaviour_like(path)
+
+
+def test_a_probed_controller_is_not_pessimistic_as_well(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One of the two would be ignored; refused before any file is read."""
+    with pytest.raises(SystemExit):
+        main(["none.as", "--like", "probe.yaml", "--pessimistic"])
+    assert "not allowed with argument --like" in capsys.readouterr().err

@@ -114,3 +114,12 @@ def test_divergence_is_an_error_and_leaves_no_log_behind(tmp_path, monkeypatch):
     with pytest.raises(SimulationError, match="diverged"):
         run(arm, 0.01)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", [(0, 0, np.nan, 0, 0, 0), (0, 0, 0), (0, 3, 0, 0, 0, 0)])
+def test_an_impossible_joint_command_is_refused(command: tuple[float, ...]) -> None:
+    """Not finite, too few, beyond a limit: the arm stays."""
+    arm = SimArm(SimSettings(), seed=0)
+    with pytest.raises(SimulationError):
+        arm.command_joints(np.array(command))
+    assert np.array_equal(arm.q_command, arm.q)

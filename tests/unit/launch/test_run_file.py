@@ -147,6 +147,7 @@ def test_the_runtime_folder_of_the_user_comes_first(
     """Then that of the checkout; runs in either are found."""
     monkeypatch.delenv(FOLDER_VARIABLE)
     monkeypatch.setattr("launch.run_file.ROOT", tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
     assert writable_folder() == tmp_path / ".run"
     write_run(a_run("one"))

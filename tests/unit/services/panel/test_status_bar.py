@@ -131,22 +131,19 @@ def test_without_a_fresh_wrench_the_display_has_no_number(wrench, hub_fault, los
     assert (shown["value"], shown["lost"]) == ("", lost)
 
 
-SLOW = {"gain_share": 0.543, "round_trip_s": 0.0618, "modelled_round_trip_s": 0.0337}
+SLOW = RegulatorTarget(gain_share=0.543, round_trip_s=0.0618, modelled_round_trip_s=0.0337)
 
 
-@pytest.mark.parametrize(
-    ("calibrated", "target", "note"),
-    [
-        (False, {}, ", not calibrated"),
-        (True, {"gain_share": 0.5}, ", gains at 50 %"),
-        (True, SLOW, ", gains at 54 %: loop delay 62 ms, model 34 ms"),
-    ],
-)
-def test_a_missing_calibration_and_lowered_gains_are_shown(calibrated, target, note):
+def test_a_missing_calibration_and_lowered_gains_are_shown():
     """The number includes the weight of the tool; the gains follow the delay of the loop."""
-    wrench = fresh(WrenchAtTcp(calibrated=calibrated))
-    shown = force_display(CELL, reached(wrench=wrench, target=fresh(RegulatorTarget(**target))))
-    assert shown["caption"] == f"force |F|{note}"
+    for calibrated, target, note in (
+        (False, RegulatorTarget(), ", not calibrated"),
+        (True, RegulatorTarget(gain_share=0.5), ", gains at 50 %"),
+        (True, SLOW, ", gains at 54 %: loop delay 62 ms, model 34 ms"),
+    ):
+        wrench = fresh(WrenchAtTcp(calibrated=calibrated))
+        shown = force_display(CELL, reached(wrench=wrench, target=fresh(target)))
+        assert shown["caption"] == f"force |F|{note}"
 
 
 def test_the_bar_shows_each_service_with_its_rate_age_and_fault():

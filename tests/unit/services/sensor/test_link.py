@@ -103,7 +103,6 @@ def test_the_fault_of_a_page_names_the_address_and_the_error(
     fetch._fetch(1)
     shown = rf"http://labsensor:80{PATH}: .*{why}" if why else "not read yet"
     assert re.match(shown, fetch.fault)
-    fetch._next_ns = 2  # no further request
-    assert fetch.poll(1) == (None if why else parse(PAGE))
+    assert fetch._page == (None if why else parse(PAGE))
     fetch.clear()
     assert fetch.fault == "not read yet"

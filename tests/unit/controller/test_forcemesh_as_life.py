@@ -188,17 +188,3 @@ def test_wrenches_may_end_with_an_orderly_stop_and_begin_anew(
         talk.live(pause_s, beat=True)
         assert talk.value("fm.fault") == 0
         assert not talk.closed
-
-
-def test_a_hold_that_came_in_a_freeze_voids_the_motions_before_it(behaviour: Behaviour) -> None:
-    """Ten motions and the hold are read in one burst; none of the ten is made."""
-    talk = moving(Talk(behaviour), 150.0)
-    talk.machine.hardware.stall(1.0)
-    for k in range(10):
-        talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=150.0 + k))
-        talk.live(0.05)
-    talk.send(Com.HOLD)
-    talk.live(0.6)
-    assert still(talk)
-    assert talk.status & Status.HELD
-    assert not talk.status & Status.WATCHDOG_LATCHED

@@ -319,3 +319,13 @@ def test_the_division_of_the_stream_makes_no_difference(size: int) -> None:
         talk.live(0.001)
     talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
     assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)
+
+
+def test_a_command_from_before_a_hold_is_void() -> None:
+    """Gains wait behind a motion when the hold comes: they are not taken after it."""
+    talk, _ = busy()
+    talk.send(Com.GAINS, 0, (7,) * 6)
+    talk.send(Com.HOLD)
+    talk.live(1.0, beat=True)
+    assert talk.status & Status.HELD
+    assert talk.value("fm.kp[1]") == 0

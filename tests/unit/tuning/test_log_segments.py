@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.fakes.force_logs import RATE_HZ, first_order, noise, second_order, times
 from tuning.flat_tops import flat_tops
 from tuning.force_log import Signal, sampling_of
-from tuning.log_segments import segments_of, steps_in
+from tuning.log_segments import segments_of
 from tuning.log_steadiness import drift_of, spectrum_of
 
 
@@ -151,9 +151,3 @@ def test_noise_alone_has_a_peak_in_few_logs() -> None:
             for seed in range(200)
         ]
         assert sum(bool(each and each.peaks) for each in found) <= 2
-
-
-@given(cycles=st.floats(10.0, 200.0), phase=st.floats(0.0, 6.3))
-def test_an_oscillation_is_no_step(cycles: float, phase: float) -> None:
-    """A step leads from rest to rest; a sine with five periods or more never rests."""
-    assert steps_in(np.sin(np.pi * cycles * times(2.0) + phase)) == []

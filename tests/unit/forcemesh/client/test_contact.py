@@ -7,7 +7,6 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.client import LostError, NotReachedError, NotValidError
-from forcemesh.messages import ContactEvent
 from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
@@ -83,12 +82,3 @@ def test_a_silent_regulator_is_lost_and_an_unknown_state_not_valid(lab: ContactC
     lab.world.kill("regulator")
     with pytest.raises(LostError, match="contact is missing or stale"):
         lab.client.contact.wait("impact", within_s=1.0)
-
-
-def test_many_states_are_kept_and_the_oldest_dropped(lab: ContactCell) -> None:
-    """A program that runs for weeks keeps a bounded number."""
-    publisher = lab.world.runners["regulator"].service._contacts  # type: ignore[attr-defined]
-    lab.client.contact.changes()
-    for number in range(100, 700):
-        publisher.put(ContactEvent(number=number, state="contact", since_ns=10**12 + number))
-    assert [each.number for each in lab.client.contact.changes()] == list(range(444, 700))

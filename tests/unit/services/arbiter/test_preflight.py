@@ -8,7 +8,14 @@ import pytest
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import WrenchAtTcp
 from forcemesh.version import __version__
-from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
+from services.arbiter.preflight import (
+    CHECKS,
+    LastLease,
+    PreflightContext,
+    Terms,
+    failed_checks,
+    load_text,
+)
 from tests.fakes.arbiter_world import (
     CELL,
     DEADLINE_S,
@@ -92,6 +99,20 @@ def test_a_lease_never_begins_with_the_challenge_of_the_one_before() -> None:
         assert refused_with(world) == ("wait", False)
     world.tick()
     assert world.core.arm(world.inputs()).accepted
+
+
+@pytest.mark.parametrize(("age_s", "codes"), [(0.009, []), (0.011, ["wait"])])
+def test_a_report_from_before_the_end_of_a_lease_does_not_confirm_it(
+    age_s: float, codes: list[str]
+) -> None:
+    """Its age counts: the last permission expired 10 ms ago."""
+    context = context_of(World().make_ready())
+    inputs, robot = context.inputs, context.inputs.robot
+    assert robot.fresh is not None
+    inputs.robot = robot._replace(age_s=age_s)
+    last = LastLease(robot.fresh.challenge, inputs.now_ns - 10_000_000)
+    (check,) = (check for check in CHECKS if "challenge" in check.what)
+    assert [trip and trip.code for trip in check.failures(context._replace(last=last))] == codes
 
 
 def permitted_challenge(world: World) -> int:

@@ -100,14 +100,3 @@ def test_a_program_runs_or_stops_with_an_error_of_as(first: str, second: str) ->
         assert bench.machine.control.error is not None or not bench.robot.motor_power
     bench.advance(0.02)
     assert all(stop.error.code for stop in bench.machine.stops)
-
-
-def test_the_main_program_runs_as_many_cycles_as_asked() -> None:
-    """EXECUTE main,3 runs three times; a negative number runs for ever."""
-    bench = AsBench(program("n = n+1"))
-    bench.machine.memory.write("n", 0.0)
-    bench.start(cycles=3).advance(0.1)
-    assert (bench.value("n"), bench.task.state) == (3, "idle")
-    bench.start(cycles=-1).advance(0.1)
-    assert bench.value("n") > 100
-    assert bench.task.state == "running"

@@ -65,18 +65,3 @@ def test_qtool_lets_the_tool_button_replace_tool(switch: str) -> None:
     bench.advance(1.0)
     assert bench.value("a").z == 50
     assert bench.value("b").z == (0 if switch == "ON" else 50)
-
-
-@pytest.mark.parametrize("switch", ["ON", "OFF"])
-def test_cycle_stop_keeps_the_program_held_after_an_external_hold(switch: str) -> None:
-    """OFF it resumes when the input goes off; ON it waits for cycle start."""
-    bench = AsBench(program(f"CYCLE.STOP {switch}", "TWAIT 0.3", "n = 1")).start()
-    bench.advance(0.1)
-    bench.pendant.external_hold(on=True)
-    bench.advance(0.1)
-    bench.pendant.external_hold(on=False)
-    bench.advance(0.5)
-    assert bench.task.state == ("held" if switch == "ON" else "idle")
-    bench.pendant.run()
-    bench.advance(0.5)
-    assert bench.value("n") == 1

@@ -51,18 +51,3 @@ def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
 def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
     """The code names the mistake."""
     assert AsBench(program(line)).fail().code == code
-
-
-@pytest.mark.parametrize("stop", ["hold", "abort"])
-def test_masked_signals_are_off_while_the_program_does_not_run(stop: str) -> None:
-    """Others keep their state; when a held program continues they are on again."""
-    bench = AsBench(program("RUNMASK 5,2", "SIGNAL 5,-6,7", "TWAIT 0.4")).start()
-    signals = bench.machine.hardware.signals
-    bench.advance(0.1)
-    assert [signals.holds(number) for number in (5, 6, 7)] == [True, False, True]
-    getattr(bench.pendant, stop)()
-    bench.advance(0.1)
-    assert [signals.holds(number) for number in (5, 6, 7)] == [False, False, True]
-    bench.pendant.run()
-    bench.advance(0.05)
-    assert signals.holds(5) == (stop == "hold")

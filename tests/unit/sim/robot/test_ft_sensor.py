@@ -19,18 +19,14 @@ def many(settings: SimSettings, count: int) -> Array:
     return np.array([np.concatenate((s.force_N, s.torque_Nm)) for s in samples])
 
 
-def test_noise_has_the_spread_that_was_set() -> None:
-    """Mean is the load, standard deviation the setting, axes independent."""
+def test_noise_and_quanta_are_those_that_were_set() -> None:
+    """Mean, deviation, independent axes; a reading is a whole number of quanta."""
     readings = many(SimSettings(**UNBIASED), 5000)
     assert readings.mean(axis=0)[:3] == pytest.approx(LOAD[:3], abs=0.006)
     assert readings.std(axis=0) == pytest.approx([0.1] * 3 + [0.005] * 3, rel=0.05)
     assert abs(np.corrcoef(readings.T) - np.eye(6)).max() < 0.06
-
-
-def test_readings_are_whole_quanta() -> None:
-    """Of force and of torque."""
-    settings = SimSettings(quantum_force_N=0.25, quantum_torque_Nm=0.01)
-    quanta = many(settings, 50) / np.array([0.25] * 3 + [0.01] * 3)
+    quanta = many(SimSettings(quantum_force_N=0.25, quantum_torque_Nm=0.01), 50)
+    quanta /= np.array([0.25] * 3 + [0.01] * 3)
     assert quanta == pytest.approx(np.round(quanta), abs=1e-9)
 
 

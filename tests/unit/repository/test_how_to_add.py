@@ -47,6 +47,14 @@ def test_an_addition_touches_few_files(name: str) -> None:
     assert len({re.sub(r"^(arms/\w+)/.*", r"\1", path) for path in files}) <= MOST_FILES[name]
 
 
+@each_example
+def test_the_tests_that_a_section_names_exist_or_come_with_its_patch(name: str) -> None:
+    """The commands themselves run nightly."""
+    named = re.findall(r"tests/[\w/]+\.py", " ".join(commands_of(name)))
+    assert named or name == "skill"
+    assert all((ROOT / path).is_file() or path in changed_files(name) for path in named)
+
+
 def test_every_patch_is_on_the_page() -> None:
     """And no other."""
     assert {path.stem for path in PATCHES.glob("*.diff")} == set(MOST_FILES)

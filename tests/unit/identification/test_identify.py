@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.payload import NOISE_N, NOISE_NM, SAMPLES_PER_DWELL, CellErrors, attitudes, truth
@@ -175,10 +175,12 @@ def test_a_recording_without_weight_is_refused() -> None:
 
 @settings(QUICK, max_examples=3)
 @given(seed=seeds)
+@example(seed=228)  # in the wrong axes no weight is left
 def test_both_wrench_axes_give_the_same_payload(seed) -> None:
     """The same readings in sensor axes and in base axes fit alike; auto identifies them.
 
-    Two poses are enough where the payload is known; others are used as requested, with a warning.
+    Two poses are enough where the payload is known; others are used as requested, with a warning,
+    or refused where they show no weight.
     """
     rng = np.random.default_rng(seed)
     samples = readings(TRUTH, attitudes(rng, 10), rng)
@@ -188,9 +190,12 @@ def test_both_wrench_axes_give_the_same_payload(seed) -> None:
     np.testing.assert_allclose(a.com_m, b.com_m, atol=1e-6)
     np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-5)
     assert axes_of(as_recording(samples[np.arange(2)], "base"), TRUTH)[0] == "base"
-    wrong = identify_recording(as_recording(samples, "base"), "sensor")
-    assert wrong.axes == "sensor"
-    assert "use --wrench-axes base" in wrong.identification.warnings[0]
+    try:
+        wrong = identify_recording(as_recording(samples, "base"), "sensor").identification
+        found = wrong.warnings[0]
+    except DataError as error:
+        found = str(error)
+    assert "use --wrench-axes base" in found or "shows no weight" in found
 
 
 GOOD = """mass_kg: 1e-1

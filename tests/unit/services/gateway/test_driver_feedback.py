@@ -129,7 +129,7 @@ def test_no_set_point_is_sent_until_feedback_has_ended(cell: FeedbackCell) -> No
 
 
 class Ignoring(FaultyController):
-    """Receives the start of force feedback, and goes on without it."""
+    """Receives the start of force feedback, and continues without it."""
 
     def _take(self, packet: Packet) -> None:
         if packet.com == Com.FEEDBACK:

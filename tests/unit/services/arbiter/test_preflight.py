@@ -136,6 +136,9 @@ def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
     assert "2.5 N are left" in line
     reply = world.core.arm(world.inputs())
     assert (reply.code, reply.value, reply.limit) == ("payload", IDLE_MAX_N + 0.5, IDLE_MAX_N)
+    residual = world.inputs().watched.residual
+    assert residual is not None
+    assert residual.unit == "N"
     assert world.core.arm(world.inputs(), "jog").accepted
 
 

@@ -69,7 +69,7 @@ def _as_tree(cell: "CellConfig", job: "ForceJob", found: "ForceForecast") -> dic
         "cell": cell.cell,
         "law": found.law,
         "stiffness_N_m": found.stiffness_N_m,
-        "loop_delay_s": cell.loop_delay_s,
+        "loop_delay_s": cell.plant.tau_s,
         "setpoint_N": job.setpoint_N,
         "feed_m_s": job.feed_m_s,
         "slope_deg": job.slope_deg,
@@ -90,7 +90,7 @@ def _print_table(
 
     echo(
         f"cell {cell.cell}: {job.setpoint_N:g} N on {found.stiffness_N_m:.3g} N/m, law "
-        f"{found.law}, {1e3 * cell.loop_delay_s:.0f} ms of delay in the loop"
+        f"{found.law}, {1e3 * cell.plant.tau_s:.0f} ms of delay in the loop"
     )
     table = Table("quantity", "forecast", "limit", "verdict")
     for row in rows:

@@ -10,7 +10,7 @@ from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
 from tuning.gain_rule import INERTIA_MARGIN, equal_gains, rule_gain
 from tuning.margins import Forecast, Loop, Margins, forecast, margins
-from tuning.measured_range import loop_hz, range_violation, restriction
+from tuning.measured_range import range_violation, restriction
 from tuning.servo import Servo
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
@@ -95,7 +95,7 @@ def advise(
 def refusal_reason(cell: CellConfig, measured: MeasuredCell, advices: list[Advice]) -> str:
     """Return why nothing is recommended; empty when the law covers the measured values."""
     k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
-    found = (range_violation(loop_hz(cell), advice.tau_s, k) for advice in advices)
+    found = (range_violation(cell.plant.loop_hz, advice.tau_s, k) for advice in advices)
     return next((text for text in found if text), "")
 
 
@@ -123,7 +123,7 @@ def _delays(
     filter_s = cell.filter.lowpass_s
     if host == "controller" and measured.controller is not None:
         return max(measured.controller.bound_s - lag_s - filter_s, SHORTEST_S), lag_s, filter_s
-    others_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s - filter_s
+    others_s = cell.plant.tau_s - cell.robot.delay_s - cell.robot.lag_s - filter_s
     return measured.servo.bound_s - lag_s + others_s, lag_s, filter_s
 
 
@@ -163,7 +163,7 @@ def cell_file_sections(
     One delay serves both loop hosts: that of the slower one. The lag stays the cell file's when it
     is within the measured range.
     """
-    fixed_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s
+    fixed_s = cell.plant.tau_s - cell.robot.delay_s - cell.robot.lag_s
     longest_s = max(advice.tau_s for advice in advices)
     lag_s = _rounded_up(max(measured.servo.lag_near_s(cell.robot.lag_s), SHORTEST_LAG_S), 1e-4)
     robot = {"delay_s": _rounded_up(longest_s - fixed_s - lag_s, 1e-3), "lag_s": lag_s}

@@ -21,14 +21,17 @@ from math import hypot, log, radians, sqrt, tan
 from common.config.cell import CellConfig
 from forcemesh.errors import DataError
 from tuning.force_map import Interval, LawMap, force_map
-from tuning.gain_rule import LOOP_GAIN, tune
-from tuning.measured_range import SAME, loop_hz, range_violation, restriction, softest_N_m
+from tuning.gain_rule import (
+    LOOP_GAIN,
+    PREDICTING_LOOP_GAIN,
+    slowness,
+    sure_inertia_margin,
+    tune,
+)
+from tuning.measured_range import SAME, range_violation, restriction, softest_N_m
 
 FEED_M_S, SLOPE_DEG = 0.02, 10.0
 FOLLOW_NOISE_N, PLAIN_OFFSET_N = 0.3, 0.4
-PROBE_N = 5.0  # as in the law: the first touch adds at most this
-LOOP, INERTIA_MARGIN = 3.4, (1.5, 0.4)  # as in the adaptive law, in a fast loop and a slow one
-FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016
 LEAST_LOG, LEAST_RATE_TAUS = 0.05, 0.3
 # k tau / (m w_b) below which the adaptive law was seen to ring on moving surfaces.
 LEAST_FOLLOWING = 0.8
@@ -94,21 +97,18 @@ def running_law(cell: CellConfig, job: ForceJob) -> str:
 def coordinates(cell: CellConfig, job: ForceJob) -> dict[str, float]:
     """Return the coordinates of a job in the map, all positive, by name."""
     k = job.stiffness_N_m or cell.contact.stiffness_N_m
-    tau_s, stiffest = cell.loop_delay_s, cell.contact.stiffness_N_m
-    approach_m_s = min(
-        cell.force.approach_m_s, cell.approach_limit_m_s, PROBE_N / (stiffest * tau_s)
-    )
+    plant, tau_s = cell.plant, cell.plant.tau_s
     normal_m_s = job.feed_m_s * tan(radians(job.slope_deg))
     return {
         "stiffness_N_m": k,
-        "stiffest_ratio": stiffest / k,
+        "stiffest_ratio": plant.stiffness_N_m / k,
         "loop_delay_s": tau_s,
-        "period_s": 1.0 / loop_hz(cell),
+        "period_s": 1.0 / plant.loop_hz,
         "setpoint_N": job.setpoint_N,
         "accel_m_s2": cell.limits.accel_m_s2,
         "speed_max_m_s": min(cell.force.speed_max_m_s, cell.limits.speed_m_s),
-        "inertia_kg_s": cell.contact.inertia_kg * cell.robot.bandwidth_rad_s,
-        "approach_N": k * approach_m_s * tau_s,
+        "inertia_kg_s": plant.inertia_kg * plant.bandwidth_rad_s,
+        "approach_N": k * plant.probe_m_s * tau_s,
         "surface_N": k * normal_m_s * tau_s,
         "plain_gain": k * tune(cell).force_i_m_per_Ns * tau_s,
     }
@@ -118,14 +118,9 @@ def loop_gain(law: str, values: Mapping[str, float]) -> float:
     """Return k Ki tau on an identified contact, to first order."""
     if law == "plain":
         return values["plain_gain"]
-    slow, (fast_margin, slow_margin) = slowness(values["period_s"]), INERTIA_MARGIN
-    margin = fast_margin + (slow_margin - fast_margin) * slow
-    return min(LOOP + (LOOP_GAIN - LOOP) * slow, margin * inertia_share(values))
-
-
-def slowness(period_s: float) -> float:
-    """Return 0 in a fast loop, 1 in a slow one, in which the adaptive law does not predict."""
-    return min(max((period_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+    slow, fast = slowness(values["period_s"]), PREDICTING_LOOP_GAIN
+    margin = sure_inertia_margin(slow)
+    return min(fast + (LOOP_GAIN - fast) * slow, margin * inertia_share(values))
 
 
 def inertia_share(values: Mapping[str, float]) -> float:
@@ -186,7 +181,7 @@ def _uncovered(cell: CellConfig, job: ForceJob, law: str) -> Iterator[str]:
     k, softest = values["stiffness_N_m"], softest_N_m(cell)
     if law == "adaptive" and softest is not None and k < SAME * softest:
         yield f"no forecast at {k:.3g} N/m: {restriction(cell)}"
-    if law == "plain" and (text := range_violation(loop_hz(cell), values["loop_delay_s"], k)):
+    if law == "plain" and (text := range_violation(cell.plant.loop_hz, values["loop_delay_s"], k)):
         yield f"no forecast, {text}"
     yield from _out_of_range(values, force_map()[law], RANGED)
 

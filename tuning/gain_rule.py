@@ -16,6 +16,10 @@ from forcemesh.messages import Gains, Preset
 LOOP_GAIN = 0.45  # k Ki tau
 LOOP_GAINS: dict[Preset, float] = {"gentle": 0.2, "normal": LOOP_GAIN, "stiff": 0.6}
 INERTIA_MARGIN = 0.5  # of 1 / (m w_b)
+# Of the adaptive law, on an identified contact.
+PREDICTING_LOOP_GAIN = 3.4  # k Ki tau at most
+FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
+SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,26 +57,37 @@ def rule_gain(
     return min(loop_gain / (stiffness * tau_s), margin / (inertia * bandwidth_rad_s))
 
 
+def slowness(period_s: float) -> float:
+    """Return 0 in a fast loop, 1 in a slow one, in which the adaptive law does not predict."""
+    return min(max((period_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+
+
+def sure_inertia_margin(slow: float) -> float:
+    """Return the share of 1 / (m w_b) that the gain on an identified contact may reach."""
+    fast_margin, slow_margin = SURE_INERTIA_MARGIN
+    return fast_margin + (slow_margin - fast_margin) * slow
+
+
 def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:
     """Apply the gain rule to a cell.
 
     `gentle` never overshoots and takes three times as long. `stiff` reduces the error on a moving
     surface by a quarter and overshoots by 5 to 10 %, as far as the inertia cap permits.
     """
-    contact, tau_s = cell.contact, cell.loop_delay_s
+    plant = cell.plant
     force, torque = (
         rule_gain(
             *of_contact,
-            tau_s=tau_s,
-            bandwidth_rad_s=cell.robot.bandwidth_rad_s,
+            tau_s=plant.tau_s,
+            bandwidth_rad_s=plant.bandwidth_rad_s,
             loop_gain=LOOP_GAINS[preset],
         )
         for of_contact in (
-            (contact.stiffness_N_m, contact.inertia_kg),
-            (contact.tilt_stiffness_Nm_rad, contact.inertia_kg_m2),
+            (plant.stiffness_N_m, plant.inertia_kg),
+            (plant.tilt_stiffness_Nm_rad, plant.inertia_kg_m2),
         )
     )
-    return Tuning(tau_s, force, torque)
+    return Tuning(plant.tau_s, force, torque)
 
 
 def instability(cell: CellConfig, gains: Gains) -> str:
@@ -80,14 +95,15 @@ def instability(cell: CellConfig, gains: Gains) -> str:
 
     The actual contact may be softer: a request may accept them.
     """
-    tau_s, bandwidth, contact = cell.loop_delay_s, cell.robot.bandwidth_rad_s, cell.contact
-    stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
+    plant = cell.plant
+    tau_s, stiffness, tilt = plant.tau_s, plant.stiffness_N_m, plant.tilt_stiffness_Nm_rad
+    bandwidth = plant.bandwidth_rad_s
     ends = {
         "force_p_m_per_N": 1.0 / stiffness,
-        "force_i_m_per_Ns": min(pi / 2 / (stiffness * tau_s), 1 / (contact.inertia_kg * bandwidth)),
+        "force_i_m_per_Ns": min(pi / 2 / (stiffness * tau_s), 1 / (plant.inertia_kg * bandwidth)),
         "torque_p_rad_per_Nm": 1.0 / tilt,
         "torque_i_rad_per_Nms": min(
-            pi / 2 / (tilt * tau_s), 1.0 / (contact.inertia_kg_m2 * bandwidth)
+            pi / 2 / (tilt * tau_s), 1.0 / (plant.inertia_kg_m2 * bandwidth)
         ),
     }
     violations = [

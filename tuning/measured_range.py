@@ -57,14 +57,9 @@ LONGEST_TAU_S, STIFFEST_N_M = 0.17, 2e5  # of the plain law
 SAME = 1.0 - 1e-6  # tolerance of numbers typed with fewer digits
 
 
-def loop_hz(cell: CellConfig) -> float:
-    """Return the loop rate: the slower one of regulator and robot [Hz]."""
-    return min(cell.rates.control_hz, cell.rates.robot_hz)
-
-
 def softest_N_m(cell: CellConfig) -> float | None:
     """Return the softest contact the adaptive law is valid for in a cell [N/m]; None: none."""
-    rate_hz, delay_s = loop_hz(cell), cell.robot.delay_s
+    rate_hz, delay_s = cell.plant.loop_hz, cell.robot.delay_s
     rows = (
         row.softest_N_m
         for row in ADAPTIVE
@@ -76,7 +71,7 @@ def softest_N_m(cell: CellConfig) -> float | None:
 def restriction(cell: CellConfig) -> str:
     """Return the restriction of the adaptive law in a cell, empty when there is none."""
     softest = softest_N_m(cell)
-    loop = f"{loop_hz(cell):g} Hz and {cell.robot.delay_s * 1e3:g} ms of delay"
+    loop = f"{cell.plant.loop_hz:g} Hz and {cell.robot.delay_s * 1e3:g} ms of delay"
     if softest is None:
         longest_ms = max(row.longest_delay_s for row in ADAPTIVE) * 1e3
         slowest_hz = min(row.slowest_hz for row in ADAPTIVE)

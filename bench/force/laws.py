@@ -163,9 +163,9 @@ def ours(rows: Iterable[Row]) -> list[Row]:
 def known_gain(rig: ForceRig) -> float:
     """Return the gain rule's result for the stiffness of the plate [m/(N s)]."""
     cell, stiffness_N_m = rig.cell, rig.arm.settings.stiffness_N_m
-    tau_s, bandwidth_rad_s = cell.loop_delay_s, cell.robot.bandwidth_rad_s
-    inertia_kg = cell.contact.inertia_kg
-    return rule_gain(stiffness_N_m, inertia_kg, tau_s=tau_s, bandwidth_rad_s=bandwidth_rad_s)
+    plant = cell.plant
+    tau_s, bandwidth_rad_s = plant.tau_s, plant.bandwidth_rad_s
+    return rule_gain(stiffness_N_m, plant.inertia_kg, tau_s=tau_s, bandwidth_rad_s=bandwidth_rad_s)
 
 
 def pressing(world: SceneSettings, law: str) -> tuple[ForceRig, LawRunner]:

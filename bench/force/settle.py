@@ -42,7 +42,7 @@ class Release:
 
 def true_tau_s(world: SceneSettings) -> float:
     """Return all delay and lag of the loop, without the delay error [s]."""
-    return replace(world, delay_error_ms=0.0).cell().loop_delay_s
+    return replace(world, delay_error_ms=0.0).cell().plant.tau_s
 
 
 def release(

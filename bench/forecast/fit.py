@@ -29,7 +29,7 @@ from tuning.forecast import (
     inertia_share,
     models,
 )
-from tuning.measured_range import loop_hz, range_violation, softest_N_m
+from tuning.measured_range import range_violation, softest_N_m
 
 PRESS = (
     *("stiffness_N_m", "stiffest_ratio", "loop_delay_s", "period_s", "setpoint_N"),
@@ -84,7 +84,7 @@ def map_jobs(law: str, count: int) -> list[DrawnJob]:
 def in_measured_range(cell: CellConfig, job: DrawnJob) -> bool:
     """Return whether the laws claim this cell and contact: measured_range.py."""
     if job.law == "plain":
-        return not range_violation(loop_hz(cell), cell.loop_delay_s, job.stiffness_N_m)
+        return not range_violation(cell.plant.loop_hz, cell.plant.tau_s, job.stiffness_N_m)
     softest = softest_N_m(cell)
     return softest is not None and job.stiffness_N_m >= softest
 

@@ -67,7 +67,7 @@ class DrawnJob:
             accel_m_s2=self.accel_m_s2,
             overrides=overrides,
         )
-        fastest_m_s = min(0.01, 5.0 / (stiffest * world.cell().loop_delay_s))
+        fastest_m_s = min(0.01, 5.0 / (stiffest * world.cell().plant.tau_s))
         approach = {"force.approach_m_s": self.approach_share * fastest_m_s}
         return replace(world, overrides=overrides | approach).cell()
 

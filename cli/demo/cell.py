@@ -69,7 +69,7 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
         stiffer = plate_of(load_cell(path, overrides))
         overrides["contact.tilt_stiffness_Nm_rad"] = stiffer.plate_tilt_stiffness_Nm_rad
     cell = load_cell(path, overrides)
-    fastest_m_s = min(cell.approach_limit_m_s, segment_approach_m_s(cell))
+    fastest_m_s = min(cell.plant.approach_limit_m_s, segment_approach_m_s(cell))
     if cell.force.approach_m_s > fastest_m_s:  # the file's value is for its own plate
         cell = load_cell(path, overrides | {"force.approach_m_s": fastest_m_s})
     plate_of(cell)

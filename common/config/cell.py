@@ -15,6 +15,7 @@ from common.config.cell_sensor import SensorSection, sensor_mistake
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Fraction, FrameSection
 from common.config.payload import DOWN, CellPayload, Direction, Payload
+from common.config.plant import Plant
 from common.config.signals import Dedicated, Signals, signals_mistake
 from controller import plain
 from controller.packet_table import Scales
@@ -322,12 +323,13 @@ class CellConfig(ConfigSection):
 
     @model_validator(mode="after")
     def _approach_is_no_other_unit(self) -> "CellConfig":
-        value, most = self.force.approach_m_s, UNIT_SLIP * self.approach_limit_m_s
+        allowed_m_s = self.plant.approach_limit_m_s
+        value, most = self.force.approach_m_s, UNIT_SLIP * allowed_m_s
         if value > most:
             asked = question("approach_m_s", value, most)
             raise ValueError(
                 f"force.approach_m_s is {value:g}: stiffness and delay of this cell allow "
-                f"{self.approach_limit_m_s:.2g}{asked}"
+                f"{allowed_m_s:.2g}{asked}"
             )
         return self
 
@@ -364,37 +366,29 @@ class CellConfig(ConfigSection):
         return self
 
     @property
-    def loop_delay_s(self) -> float:
-        """Delay from a change of force to the arm's response, tau [s].
-
-        Sum of controller delay, servo lag, wrench filter, half a control period, and the processes.
-        """
-        waiting_s = 0.5 / self.rates.control_hz
-        robot_s = self.robot.delay_s + self.robot.lag_s
-        return robot_s + self.filter_delay_s + waiting_s + self.force.chain_s
-
-    @property
-    def setpoint_rounding_m(self) -> float:
-        """Largest distance between a set point and the one in the gateway's packet [m].
-
-        Half the diagonal of a cube of packet units; 0 where no set points are sent as a packet.
-        """
-        if self.gateway is None or self.gateway.protocol == "plain":
-            return 0.0
-        return 0.5e-3 * sqrt(3.0) / self.gateway.position_per_mm
-
-    @property
-    def filter_delay_s(self) -> float:
-        """Delay of the wrench filter [s]."""
-        return self.filter.lowpass_s + (self.filter.median - 1) / 2 / self.rates.sensor_hz
-
-    @property
-    def approach_limit_m_s(self) -> float:
-        """Fastest approach whose first contact stays within the force budget [m/s].
-
-        Until the arm responds, the force grows by stiffness times speed times tau.
-        """
-        return self.force.approach_budget_N / (self.contact.stiffness_N_m * self.loop_delay_s)
+    def plant(self) -> Plant:
+        """What the file states about arm, link, filter and contact."""
+        contact, rates, gateway, rounding_m = self.contact, self.rates, self.gateway, 0.0
+        if gateway is not None and gateway.protocol != "plain":
+            rounding_m = 0.5e-3 * sqrt(3.0) / gateway.position_per_mm  # half a cube's diagonal
+        return Plant(
+            robot_delay_s=self.robot.delay_s,
+            lag_s=self.robot.lag_s,
+            chain_s=self.force.chain_s,
+            median_s=(self.filter.median - 1) / 2 / rates.sensor_hz,
+            lowpass_s=self.filter.lowpass_s,
+            control_hz=rates.control_hz,
+            robot_hz=rates.robot_hz,
+            sensor_hz=rates.sensor_hz,
+            stiffness_N_m=contact.stiffness_N_m,
+            tilt_stiffness_Nm_rad=contact.tilt_stiffness_Nm_rad,
+            inertia_kg=contact.inertia_kg,
+            inertia_kg_m2=contact.inertia_kg_m2,
+            bandwidth_rad_s=self.robot.bandwidth_rad_s,
+            rounding_m=rounding_m,
+            approach_budget_N=self.force.approach_budget_N,
+            approach_asked_m_s=self.force.approach_m_s,
+        )
 
     def rate_hz(self, topic: Topic[Any]) -> float:
         """Return the rate of a topic in this cell [Hz]."""

@@ -154,7 +154,8 @@ def _calibration(context: PreflightContext) -> list[Trip]:
 
 def contact_trips(cell: CellConfig) -> Iterator[Trip]:
     """Yield why force control of the cell's stiffest contact would not settle."""
-    k, value, limit = cell.contact.stiffness_N_m, cell.force.approach_m_s, cell.approach_limit_m_s
+    plant, value = cell.plant, cell.force.approach_m_s
+    k, limit = plant.stiffness_N_m, plant.approach_limit_m_s
     if value > limit:
         text = (
             f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N / (stiffness x "
@@ -163,11 +164,11 @@ def contact_trips(cell: CellConfig) -> Iterator[Trip]:
         yield tripped("approach_speed", text, value=value, limit=limit)
     if cell.gateway is None or cell.gateway.protocol == "plain":
         return
-    rounding_N = k * cell.setpoint_rounding_m
+    rounding_N = k * plant.rounding_m
     if "pc" in cell.robot.hosts and rounding_N > ROUNDING_MOST_N:
         text = (
             f"contact.stiffness_N_m is {k:.3g}: the packet rounds a set point by up to "
-            f"{1e3 * cell.setpoint_rounding_m:.3f} mm, {rounding_N:.1f} N there; "
+            f"{1e3 * plant.rounding_m:.3f} mm, {rounding_N:.1f} N there; "
             f"{ROUNDING_MOST_N:g} N is allowed: raise gateway.position_per_mm, or choose "
             "robot.hosts [controller]"
         )

@@ -48,9 +48,9 @@ class CatchUp:
 
         A pause within the delay of the controller is its own pacing and no stall.
         """
-        speed_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
-        late_s = max(LATE_PERIODS / cell.rates.robot_hz, LATE_SETPOINT_S, cell.robot.delay_s)
-        return cls(speed_m_s, late_s)
+        plant = cell.plant
+        late_s = max(LATE_PERIODS / plant.robot_hz, LATE_SETPOINT_S, plant.robot_delay_s)
+        return cls(plant.approach_m_s, late_s)
 
 
 class SetpointShaper:

@@ -27,25 +27,31 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
+from common.config.plant import Delays
 from common.motion.frames import Rows, Vector, apart, plus, product, rotated, rotated_back, scaled
 from forcemesh.messages import Vec3
 from services.regulator.axis_task import IDENTITY
-from services.regulator.delay_model import ContactTravel, DelayModelSettings
+from services.regulator.delay_model import ContactTravel
 from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion, task_deadband
 from services.regulator.surface_tracking import SurfaceTracking
-from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
+from tuning.gain_rule import (
+    INERTIA_MARGIN,
+    LOOP_GAIN,
+    PREDICTING_LOOP_GAIN,
+    slowness,
+    sure_inertia_margin,
+    tune,
+)
 from tuning.measured_range import softest_N_m
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
-SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
-FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
 UNPREDICTED_AT = 0.2  # fall of the gain share at which nothing is predicted any more
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 ROBOT_PERIODS_S = (0.010, 0.025)  # of the rows of gain limits
-LOOP = (3.4, 2.0)
+LOOP = (PREDICTING_LOOP_GAIN, 2.0)
 FULL_PREDICTION_LOOP = (2.5, 2.0)
 LARGEST_PREDICTION_WEIGHT = (0.9, 1.0)
 ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter must not have to limit the command
@@ -69,8 +75,8 @@ class AdaptiveSettings:
     in_contact: LawSettings
     rounding_m: float  # of set points: within that the force cannot be controlled
     tau_s: float
-    delay_model: DelayModelSettings
-    wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
+    delay_model: Delays
+    wrench_filter: Delays  # from the measured pose to the filtered force
     stiffness: FitSettings
     period_s: float  # nominal: tau holds half of it
     inertia_cap_m_per_Ns: float  # 1 / (m w_b), before its margin
@@ -87,27 +93,25 @@ class AdaptiveSettings:
     @classmethod
     def of(cls, cell: CellConfig) -> "AdaptiveSettings":
         """Return the constants of a cell."""
-        tau_s, contact, rates = cell.loop_delay_s, cell.contact, cell.rates
-        slower_hz = min(rates.control_hz, rates.robot_hz)
-        memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
-        m_w_b = contact.inertia_kg * cell.robot.bandwidth_rad_s
+        plant = cell.plant
+        memory_s = plant.memory_s(MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S)
         loop, full_prediction_loop, largest_prediction_weight = (
-            float(np.interp(1.0 / rates.robot_hz, ROBOT_PERIODS_S, row))
+            float(np.interp(1.0 / plant.robot_hz, ROBOT_PERIODS_S, row))
             for row in (LOOP, FULL_PREDICTION_LOOP, LARGEST_PREDICTION_WEIGHT)
         )
         plain = replace(LawSettings.of(cell), accel_max_m_s2=ACCEL_SHARE * cell.limits.accel_m_s2)
         return cls(
             plain=plain,
             in_contact=replace(plain, deadband_N=DEADBAND_IN_CONTACT * plain.deadband_N),
-            rounding_m=cell.setpoint_rounding_m,
-            tau_s=tau_s,
-            period_s=1.0 / rates.control_hz,
-            delay_model=DelayModelSettings.of(cell),
-            wrench_filter=DelayModelSettings.of_wrench(cell),
-            stiffness=FitSettings(contact.stiffness_N_m, memory_s, NOISE_N),
-            inertia_cap_m_per_Ns=1.0 / m_w_b,
+            rounding_m=plant.rounding_m,
+            tau_s=plant.tau_s,
+            period_s=1.0 / plant.control_hz,
+            delay_model=plant.loop,
+            wrench_filter=plant.wrench,
+            stiffness=FitSettings(plant.stiffness_N_m, memory_s, NOISE_N),
+            inertia_cap_m_per_Ns=1.0 / (plant.inertia_kg * plant.bandwidth_rad_s),
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
-            inertia_kg=contact.inertia_kg,
+            inertia_kg=plant.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
             loop=loop if cell.force.delay_compensation else LOOP_GAIN,
             full_prediction_loop=full_prediction_loop,
@@ -312,14 +316,14 @@ def gain_for(
     contain, does so too; and as the delay model is wrong then, prediction fades as in a slow loop.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
-    slowness = min(max((dt_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
-    faded = max(slowness, min((1.0 - share) / UNPREDICTED_AT, 1.0))
+    slow = slowness(dt_s)
+    faded = max(slow, min((1.0 - share) / UNPREDICTED_AT, 1.0))
     rule = settings.plain_gain_m_per_Ns
     Ki, w = [], []
     for k_N_m, requested in zip(k, requested_Ki, strict=True):
         gain, weight = _gain_at(k_N_m, settings, tau_s, faded)
-        if faded > slowness:  # a wrong delay model never permits more prediction
-            weight = min(weight, _gain_at(k_N_m, settings, tau_s, slowness)[1])
+        if faded > slow:  # a wrong delay model never permits more prediction
+            weight = min(weight, _gain_at(k_N_m, settings, tau_s, slow)[1])
         if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
             gain, weight = min(gain, rule), 0.0
         Ki.append(gain * share * min(requested / (rule * share), 1.0))
@@ -328,14 +332,12 @@ def gain_for(
 
 
 def _gain_at(
-    k_N_m: float, settings: AdaptiveSettings, tau_s: float, slowness: float
+    k_N_m: float, settings: AdaptiveSettings, tau_s: float, slow: float
 ) -> tuple[float, float]:
     """Return gain and prediction weight of a loop, which is fast at 0 and slow at 1."""
-    fast_margin, slow_margin = SURE_INERTIA_MARGIN
-    margin = fast_margin + (slow_margin - fast_margin) * slowness
-    loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
-    fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
-    gain = min(loop / (k_N_m * tau_s), margin * settings.inertia_cap_m_per_Ns)
+    loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slow)
+    fade_range = max(1.0 - slow, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
+    gain = min(loop / (k_N_m * tau_s), sure_inertia_margin(slow) * settings.inertia_cap_m_per_Ns)
     faded_in = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
     return gain, min(max(faded_in, 0.0), settings.largest_prediction_weight)
 

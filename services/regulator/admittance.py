@@ -19,10 +19,11 @@ from math import exp, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
+from common.config.plant import Delays
 from common.motion.frames import Vector, plus, product, rotated, rotated_back
 from forcemesh.messages import ZERO3, Vec3
 from services.regulator.axis_task import VirtualMass
-from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
+from services.regulator.delay_model import LoopDelayModel
 from services.regulator.law import (
     LawInput,
     LawMotion,
@@ -62,13 +63,13 @@ class AdmittanceSettings:
     plain: LawSettings  # of the PI law, with the deadband at rest
     tau_s: float
     mass_kg: float
-    wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
+    wrench_filter: Delays  # from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "AdmittanceSettings":
         """Return the constants of a cell."""
-        contact = cell.contact
+        plant = cell.plant
         plain = replace(
             LawSettings.of(cell),
             deadband_N=resting_deadband_N(cell),
@@ -76,10 +77,10 @@ class AdmittanceSettings:
         )
         return cls(
             plain,
-            cell.loop_delay_s,
-            MASSES * contact.inertia_kg,
-            DelayModelSettings.of_wrench(cell),
-            stiffest_N_m=max(STIFFER_THAN_CONTACT * contact.stiffness_N_m, HAND_N_M),
+            plant.tau_s,
+            MASSES * plant.inertia_kg,
+            plant.wrench,
+            stiffest_N_m=max(STIFFER_THAN_CONTACT * plant.stiffness_N_m, HAND_N_M),
         )
 
 

@@ -56,7 +56,7 @@ class ComplianceSettings:
     @classmethod
     def of(cls, cell: CellConfig) -> "ComplianceSettings":
         """Return the constants of a cell."""
-        inertia_kg_m2 = MASSES * cell.contact.inertia_kg_m2
+        inertia_kg_m2 = MASSES * cell.plant.inertia_kg_m2
         return cls(AdmittanceSettings.of(cell), inertia_kg_m2, cell.force.speed_max_rad_s)
 
 

@@ -17,35 +17,13 @@ from math import ceil, exp
 
 import pinocchio as pin
 
-from common.config.cell import CellConfig
+from common.config.plant import Delays
 from common.motion.frames import Vector, plus, rotated_back, scaled
 from forcemesh.messages import ZERO3, Vec3
 from services.regulator.law import LawInput, motion_between
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
 SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond
-
-
-@dataclass(frozen=True, slots=True)
-class DelayModelSettings:
-    """Parameters of the delay model."""
-
-    delay_s: float  # controller, processes, and the median of the wrench filter
-    lag_s: float
-    filter_s: float
-
-    @classmethod
-    def of(cls, cell: CellConfig) -> "DelayModelSettings":
-        """Return the parameters of a cell; with half a period their sum is tau."""
-        wrench = cls.of_wrench(cell)
-        delay_s = cell.robot.delay_s + cell.force.chain_s + wrench.delay_s
-        return cls(delay_s, cell.robot.lag_s, wrench.filter_s)
-
-    @classmethod
-    def of_wrench(cls, cell: CellConfig) -> "DelayModelSettings":
-        """Return those of the wrench filter alone: from the measured pose to the filtered force."""
-        lowpass_s = cell.filter.lowpass_s
-        return cls(cell.filter_delay_s - lowpass_s, 0.0, lowpass_s)
 
 
 class LoopDelayModel:
@@ -62,7 +40,7 @@ class LoopDelayModel:
         self.speed: Vector = ZERO3  # of `filtered`, per second
         self.acceleration: Vector = ZERO3  # of `filtered`, per second squared
 
-    def follow(self, command: Vector, dt_s: float, settings: DelayModelSettings) -> None:
+    def follow(self, command: Vector, dt_s: float, settings: Delays) -> None:
         """Advance by `dt_s` [s], during which `command` was constant. Shape (3,)."""
         sent, half_s, filter_s = self.sent, 0.5 * settings.lag_s, settings.filter_s
         if command != self.command:
@@ -100,9 +78,7 @@ class ContactTravel:
     delay_model: LoopDelayModel = field(default_factory=lambda: LoopDelayModel(ZERO3))  # base axes
     filtered_travel_m: Vec3 = ZERO3  # travel that the filtered force belongs to, tool axes
 
-    def follow(
-        self, T_base_tcp: pin.SE3, sample: LawInput, dt_s: float, settings: DelayModelSettings
-    ) -> None:
+    def follow(self, T_base_tcp: pin.SE3, sample: LawInput, dt_s: float, settings: Delays) -> None:
         """Add the travel to a pose that was constant for the last `dt_s`."""
         model, before_m = self.delay_model, self.delay_model.filtered
         moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, sample.motion.lever_m)

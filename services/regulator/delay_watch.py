@@ -1,6 +1,6 @@
 """Watch of the loop delay: its estimate during a session, and the gain share that follows. Pure.
 
-A loop is tuned for the modelled delay tau (`loop_delay_s`), with Ki = c / (k tau). A longer delay
+A loop is tuned for the modelled delay tau (`Plant.tau_s`), with Ki = c / (k tau). A longer delay
 makes the same gains ring. The excess d over the model follows from the motion of the flange:
 
     x_model(t) - x_measured(t) = d v_model(t) - b x_model(t) + offset
@@ -21,9 +21,10 @@ from dataclasses import dataclass, field
 from math import exp, sqrt
 
 from common.config.cell import CellConfig
+from common.config.plant import Delays
 from common.motion.frames import Vector, plus
 from forcemesh.messages import Gains, Vec3
-from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
+from services.regulator.delay_model import LoopDelayModel
 from services.regulator.estimates import Moments
 from services.regulator.gains import SAME_GAIN
 
@@ -46,18 +47,17 @@ class DelayWatchSettings:
     """Constants of the watch for one cell."""
 
     tau_s: float  # modelled delay of the whole loop
-    arm: DelayModelSettings  # from the released command to the reported pose
+    arm: Delays  # from the released command to the reported pose
     memory_s: float
     tolerance_s: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "DelayWatchSettings":
         """Return the constants of a cell."""
-        tau_s, robot = cell.loop_delay_s, cell.robot
-        slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
-        memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
-        arm = DelayModelSettings(robot.delay_s + cell.force.chain_s, robot.lag_s, 0.0)
-        return cls(tau_s, arm, memory_s, max(TOLERANCE_SHARE * tau_s, TOLERANCE_S))
+        plant = cell.plant
+        memory_s = plant.memory_s(MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S)
+        tolerance_s = max(TOLERANCE_SHARE * plant.tau_s, TOLERANCE_S)
+        return cls(plant.tau_s, plant.arm, memory_s, tolerance_s)
 
     def share_for(self, excess_s: float) -> float:
         """Return the share of the gains that a loop with this excess delay [s] bears."""
@@ -141,7 +141,7 @@ class DelayWatch:
         if self.model is None:
             self.model, self.origin_m = LoopDelayModel((0.0, 0.0, 0.0)), command_m
         model, dead_s = self.model, settings.arm.delay_s
-        running = DelayModelSettings(dead_s + self.excess_s, settings.arm.lag_s, 0.0)
+        running = Delays(dead_s + self.excess_s, settings.arm.lag_s, 0.0)
         model.follow(plus(command_m, self.origin_m, -1.0), dt_s, running)
         self.unreported_s += dt_s
         self.settling_s = max(0.0, self.settling_s - dt_s)

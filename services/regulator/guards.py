@@ -58,7 +58,7 @@ class GuardSettings:
     @classmethod
     def of(cls, cell: CellConfig) -> "GuardSettings":
         """Return the limits of a cell."""
-        force, tau_s = cell.force, cell.loop_delay_s
+        force, tau_s = cell.force, cell.plant.tau_s
         deadbands = [force.deadband_N] * 3 + [force.deadband_Nm] * 3
         return cls(
             force.touch_N,

@@ -40,7 +40,6 @@ from services.regulator.gains import PiGains
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
-PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
 NO_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
@@ -61,20 +60,16 @@ class LawSettings:
 
     @classmethod
     def of(cls, cell: CellConfig) -> "LawSettings":
-        """Return the settings of a cell; the approach speed follows from its force budget.
-
-        The first touch adds about k v tau before the loop reacts.
-        """
-        force = cell.force
-        probe_m_s = PROBE_N / (cell.contact.stiffness_N_m * cell.loop_delay_s)
+        """Return the settings of a cell."""
+        force, plant = cell.force, cell.plant
         return cls(
             deadband_N=force.deadband_N,
-            rest_N=cell.setpoint_rounding_m * cell.contact.stiffness_N_m,
+            rest_N=plant.rounding_m * plant.stiffness_N_m,
             deadband_Nm=force.deadband_Nm,
             speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
             speed_max_rad_s=force.speed_max_rad_s,
-            approach_m_s=min(force.approach_m_s, cell.approach_limit_m_s, probe_m_s),
-            approach_accel_m_s2=APPROACH_INERTIA_SHARE * force.touch_N / cell.contact.inertia_kg,
+            approach_m_s=plant.probe_m_s,
+            approach_accel_m_s2=APPROACH_INERTIA_SHARE * force.touch_N / plant.inertia_kg,
             touch_N=force.touch_N,
         )
 

@@ -33,9 +33,8 @@ class CommandHistory:
     @classmethod
     def of(cls, cell: CellConfig) -> "CommandHistory":
         """Return an empty history with the window of a cell."""
-        loop_s = cell.robot.delay_s + cell.force.chain_s
-        reports_s = REPORTS / cell.rates.robot_hz
-        return cls(loop_s + reports_s + SAMPLES / cell.rates.control_hz)
+        plant = cell.plant
+        return cls(plant.arm.delay_s + REPORTS / plant.robot_hz + SAMPLES / plant.control_hz)
 
     def lags(self, command: PoseRecord, dt_s: float, sent: PoseRecord | None) -> bool:
         """Add a command; return whether the sent pose is behind every command of the window.

@@ -86,8 +86,7 @@ def turn_limits(cell: CellConfig) -> TurnLimits:
     budget.
     """
     rad_s = min(cell.force.speed_max_rad_s, radians(cell.limits.speed_deg_s))
-    approach_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
-    return TurnLimits(rad_s, IN_PLACE_SHARE * approach_m_s / ROTATION_RADIUS_M)
+    return TurnLimits(rad_s, IN_PLACE_SHARE * cell.plant.approach_m_s / ROTATION_RADIUS_M)
 
 
 def largest_turn(T_from: pin.SE3, poses: list[pin.SE3]) -> tuple[int, float]:

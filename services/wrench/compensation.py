@@ -139,7 +139,7 @@ class AccelerationEstimator:
 
     def __init__(self, cell: CellConfig) -> None:
         """Choose the length of the parabola from the delay of the filter."""
-        half = max(1, round(cell.filter_delay_s * cell.rates.robot_hz))
+        half = max(1, round(cell.plant.filter_delay_s * cell.rates.robot_hz))
         offsets = np.arange(-half, half + 1, dtype=float)
         self._weights = 2.0 * np.linalg.pinv(np.vander(offsets, 3))[0]  # of the second derivative
         length = max(len(offsets), PERIODS_MEASURED)

@@ -46,12 +46,11 @@ class ReadingLimits:
         An impact at speed v on a contact of stiffness k raises the force by k v each second, and
         stops the mass m in front of the sensor within one sample at the soonest: m v / T.
         """
-        v, contact, sensor = cell.limits.speed_m_s, cell.contact, cell.sensor
-        sensor_hz = cell.rates.sensor_hz
+        v, plant, sensor = cell.limits.speed_m_s, cell.plant, cell.sensor
         T_sensor_tcp = sensor.T_flange_sensor.pose.inverse() * cell.tool.T_flange_tcp.pose
         lever_m = float(np.linalg.norm(T_sensor_tcp.translation)) + LEVER_BEYOND_TCP_M
         range_N, range_Nm = sensor.force_range_N, sensor.torque_range_Nm
-        impact_N, push_N_s = contact.inertia_kg * v * sensor_hz, contact.stiffness_N_m * v
+        impact_N, push_N_s = plant.inertia_kg * v * plant.sensor_hz, plant.stiffness_N_m * v
         return cls(
             range=(range_N,) * 3 + (range_Nm,) * 3,
             step=(

@@ -95,7 +95,7 @@ class WrenchService:
     def numbers(self, now_ns: int) -> dict[str, float]:
         """Return the delay of the filter [s] and the age of the last tare [h]."""
         age_h = (now_ns - self._manager.zero_since_ns) / NS_PER_S / 3600.0
-        return {"filter_delay_s": self._cell.filter_delay_s, "tare_age_h": age_h}
+        return {"filter_delay_s": self._cell.plant.filter_delay_s, "tare_age_h": age_h}
 
     def step(self, now_ns: int) -> None:
         """Filter the newest sample; publish at the control rate, at once when a fault begins."""

@@ -142,7 +142,7 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
 def test_a_wrong_sign_on_soft_and_on_stiff_plates(stiffness_N_m: float) -> None:
     """The approach speed follows from the stiffness: 10 N and 2 mm hold for both."""
     cell = cell_with(sim__stiffness_N_m=stiffness_N_m, contact__stiffness_N_m=stiffness_N_m)
-    force = cell.force.model_copy(update={"approach_m_s": cell.approach_limit_m_s})
+    force = cell.force.model_copy(update={"approach_m_s": cell.plant.approach_limit_m_s})
     bench = Press(cell.model_copy(update={"force": force}))
     bench.rewire(np.diag([1.0, 1.0, -1.0]))
     touch = bench.press(for_s=2.0)

@@ -70,7 +70,7 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(found, tmp_path_fa
     gain = tune(cell).force_i_m_per_Ns
     assert gain <= 1.01 * one.force.gain
     assert gain >= 0.84 * one.force.gain
-    assert cell.force.approach_m_s <= cell.approach_limit_m_s
+    assert cell.force.approach_m_s <= cell.plant.approach_limit_m_s
     arm_s = cell.robot.delay_s + cell.robot.lag_s
     assert found.servo.bound_s - 1e-9 <= arm_s <= found.servo.bound_s + 0.0015
     least_s, most_s = found.servo.lags_s

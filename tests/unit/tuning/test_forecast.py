@@ -11,9 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
-from services.regulator import adaptive, law
 from tests.fakes.bench import CELL, cell_with
-from tuning import forecast as model
 from tuning import forecast_text
 from tuning.force_map import FILE, QuantityFit, check_value, force_map
 from tuning.forecast import ForceJob, forecast, loop_gain, not_covered
@@ -90,14 +88,6 @@ def test_a_feed_outside_of_the_map_is_not_forecast(feed_m_s: float) -> None:
     assert found.follow_error_N is None
     assert "speed of the surface" in found.not_followed
     assert found.settling_s == forecast(CELL, ForceJob(15.0)).settling_s
-
-
-def test_the_model_has_the_constants_of_the_laws() -> None:
-    """It cannot import them: services are above it."""
-    assert law.PROBE_N == model.PROBE_N
-    assert adaptive.LOOP[0] == model.LOOP
-    assert adaptive.SURE_INERTIA_MARGIN == model.INERTIA_MARGIN
-    assert (adaptive.FAST_LOOP_S, adaptive.SLOW_LOOP_S) == (model.FAST_LOOP_S, model.SLOW_LOOP_S)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
+from common.config.plant import PROBE_N
 from forcemesh.messages import Gains, Preset
-from services.regulator.law import PROBE_N, LawSettings
+from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL
 from tuning.gain_rule import instability, tune
 
@@ -79,9 +80,9 @@ def test_gains_are_reported_unstable_only_above_the_theoretical_limit(k, k_tilt,
 def test_all_delay_of_the_loop_counts(section, changes, longer_s) -> None:
     """Delay, lag, filter, median and period: each by as much as it really delays."""
     changed = getattr(CELL, section).model_copy(update=changes)
-    tau_s = CELL.model_copy(update={section: changed}).loop_delay_s
+    tau_s = CELL.model_copy(update={section: changed}).plant.tau_s
 
-    assert tau_s - CELL.loop_delay_s == pytest.approx(longer_s)
+    assert tau_s - CELL.plant.tau_s == pytest.approx(longer_s)
 
 
 def test_the_approach_speed_keeps_the_first_touch_within_its_force_budget() -> None:

@@ -116,7 +116,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
     assert done.exit_code == 0, done.stderr
     report = json.loads(done.stdout)
     config = cell.client.config
-    assert report["tau_s"] == pytest.approx(config.loop_delay_s, abs=CHAIN_S)
+    assert report["tau_s"] == pytest.approx(config.plant.tau_s, abs=CHAIN_S)
     true_s = config.robot.delay_s + config.robot.lag_s
     assert report["delay_and_lag_s"] == pytest.approx(true_s, abs=SHARP_S)
     assert report["refused"] is None

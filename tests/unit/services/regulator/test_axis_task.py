@@ -331,7 +331,7 @@ def test_a_gain_share_damps_it_more() -> None:
 @pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])
 def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -> None:
     """Pushed with 10 N into a wall through the loop's delay: it comes to rest without bouncing."""
-    late = round((CELL.loop_delay_s - CELL.filter.lowpass_s) / PERIOD_S)
+    late = round((CELL.plant.tau_s - CELL.filter.lowpass_s) / PERIOD_S)
     law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, GUIDING)
     places = [T_START.copy()] * (late + 1)
     forces = []

@@ -135,7 +135,7 @@ def test_a_delay_that_grows_from_10_to_40_ms_lowers_the_gains_before_the_force_o
         return
     assert ripple_N(forces_N[-500:]) < 1.0
     assert forces_N[-1] == pytest.approx(SECOND_SETPOINT_N, abs=0.6)
-    target, tau_s = press.published, press.cell.cell.loop_delay_s
+    target, tau_s = press.published, press.cell.cell.plant.tau_s
     assert target.valid
     assert target.modelled_round_trip_s == tau_s
     assert target.round_trip_s == pytest.approx(tau_s + 0.03, abs=0.004)
@@ -201,7 +201,7 @@ def test_a_slower_link_lowers_the_gains_of_the_controller_in_steps() -> None:
     for _ in range(500):
         bench.step()
         shares.append(sent_share(bench))
-    tau_s = TCP_CELL.loop_delay_s
+    tau_s = TCP_CELL.plant.tau_s
     assert bench.published().gain_share == pytest.approx(tau_s / (tau_s + 0.036), abs=0.01)
     assert bench.published().gain_share == pytest.approx(shares[-1], rel=0.15)  # of what is sent
     assert 2 <= len(set(shares)) <= 6
@@ -216,6 +216,6 @@ def test_the_health_has_the_delay_of_the_last_session() -> None:
     assert numbers_of(bench) == {}
     bench = controlled()
     during = numbers_of(bench)
-    assert during == {"loop_delay_model_s": TCP_CELL.loop_delay_s, "gain_fraction": 1.0}
+    assert during == {"loop_delay_model_s": TCP_CELL.plant.tau_s, "gain_fraction": 1.0}
     bench.ask(topics.FORCE_STOP, Empty())
     assert numbers_of(bench) == during

@@ -13,10 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.config.plant import PROBE_N
 from forcemesh import topics
 from forcemesh.requests import ForceStartRequest, GainsRequest
 from services.regulator.guards import HALF_WAVES, GuardSettings, GuardState, HalfWaves
-from services.regulator.law import PROBE_N, LawSettings
+from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.guard_steps import guard_sample, watched
 from tests.fakes.regulator_bench import KI, PERIOD_S, RegulatorBench
@@ -24,7 +25,7 @@ from tests.unit.services.regulator.conftest import Press
 from tuning.gain_rule import tune
 
 GUARDS = GuardSettings.of(CELL)
-TAU_S = CELL.loop_delay_s
+TAU_S = CELL.plant.tau_s
 BRAKE_M = 0.0005
 DT_S = 0.004
 
@@ -119,7 +120,7 @@ def test_a_heavy_accelerating_tool_is_no_contact() -> None:
 def test_the_first_touch_is_gentle(stiffness_N_m: float) -> None:
     """H37: a set point of 3 N adds no more than touch and probe on a plate of any stiffness."""
     changes = {"contact__stiffness_N_m": stiffness_N_m, "sim__stiffness_N_m": stiffness_N_m}
-    slower = cell_with(**changes).approach_limit_m_s
+    slower = cell_with(**changes).plant.approach_limit_m_s
     approach_m_s = min(CELL.force.approach_m_s, slower)
     press = Press(cell_with(sim__gap_m=0.001, force__approach_m_s=approach_m_s, **changes), 3.0)
     forces_N = press.forces_N(1.2)
@@ -189,7 +190,7 @@ def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long(
     settings = GuardSettings.of(CELL)
     band_N, band_Nm = CELL.force.deadband_N, CELL.force.deadband_Nm
     assert settings.half_wave == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
-    tau_s = CELL.loop_delay_s
+    tau_s = CELL.plant.tau_s
     durations_s = settings.half_wave_shortest_s, settings.half_wave_longest_s
     assert durations_s == pytest.approx((0.5 * tau_s, 8.0 * tau_s))
 
@@ -215,6 +216,6 @@ def test_an_error_oscillates_along_and_about_free_axes_alone(mode, axes, is_felt
             bench.push((10.0 * side, 0.0, 0.0))
         else:
             bench.push((0.0, 0.0, 0.0), (1.0 * side, 0.0, 0.0))
-        bench.pass_s(2.0 * round(CELL.loop_delay_s / PERIOD_S) * PERIOD_S)
+        bench.pass_s(2.0 * round(CELL.plant.tau_s / PERIOD_S) * PERIOD_S)
         shares.append(bench.published().gain_share)
     assert (shares[9] == 1.0, shares[-1] < 1.0) == (True, is_felt)

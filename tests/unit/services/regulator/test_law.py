@@ -253,7 +253,7 @@ def packets(cell: CellConfig, law: str, k_N_m: float, centre_m: np.ndarray) -> n
     motion, settings_of = start_at(start), AdaptiveSettings.of(cell)
     sent: list[np.ndarray] = []
     state = adaptive.begin(start, start, None, settings_of) if law == "adaptive" else None
-    late = round(cell.loop_delay_s / dt_s)
+    late = round(cell.plant.tau_s / dt_s)
     for _ in range(round((SETTLES_S + RESTS_S) / dt_s)):
         at_m = sent[-late] if len(sent) >= late else start.translation
         sample = mode_input(
@@ -277,16 +277,16 @@ def test_it_comes_to_rest_wherever_the_contact_is_between_two_packets(law, k_N_m
     centre_m = np.array([0.1, 0.5, 0.2]) + offset_m
     sent = packets(cell, law, k_N_m, centre_m)[-round(RESTS_S * cell.rates.control_hz) :]
     assert np.ptp(sent, axis=0).max() == 0.0
-    allowed_N = k_N_m * cell.setpoint_rounding_m + cell.force.deadband_N
+    allowed_N = k_N_m * cell.plant.rounding_m + cell.force.deadband_N
     assert k_N_m * np.linalg.norm(sent[-1] - centre_m) <= allowed_N
 
 
 def test_only_a_packet_rounds() -> None:
     """Half the diagonal of a cube of packet units; nothing where no set points are packets."""
     cell = cell_with_contact(2e4)
-    assert cell.setpoint_rounding_m == pytest.approx(np.sqrt(3.0) / 2.0 / PER_MM * 1e-3)
-    assert CELL.setpoint_rounding_m == 0.0
+    assert cell.plant.rounding_m == pytest.approx(np.sqrt(3.0) / 2.0 / PER_MM * 1e-3)
+    assert CELL.plant.rounding_m == 0.0
     plain = load_cell(DEMO.with_name("demo-plain.yaml"))
-    assert plain.setpoint_rounding_m == 0.0
+    assert plain.plant.rounding_m == 0.0
     assert LawSettings.of(plain).rest_N == LawSettings.of(CELL).rest_N == 0.0
-    assert LawSettings.of(cell).rest_N == pytest.approx(2e4 * cell.setpoint_rounding_m)
+    assert LawSettings.of(cell).rest_N == pytest.approx(2e4 * cell.plant.rounding_m)

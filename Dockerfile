@@ -13,6 +13,7 @@ COPY arms arms
 COPY cells cells
 COPY cli cli
 COPY common common
+COPY control control
 COPY controller controller
 COPY forcemesh forcemesh
 COPY identification identification

@@ -9,8 +9,8 @@ from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, d
 from cli.demo.measures import measure as measures_of
 from cli.demo.scenario import ScenarioError, ScenarioPlan, play_virtual
 from common.config.cell import CellConfig
+from control.gain_rule import tune
 from forcemesh.messages import Mode
-from tuning.gain_rule import tune
 
 CELL = ROOT / "cells" / "demo.yaml"
 DELAYS_MS = (0, 10, 30)

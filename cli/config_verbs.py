@@ -35,7 +35,7 @@ def check(
     """Check a cell file: report all errors at once, each with its path."""
     with one_line_errors():
         from common.config.load import cell_hash, load_cell
-        from services.regulator.laws import refuse_unknown_law
+        from control.laws import refuse_unknown_law
         from services.sensor.driver_registry import refuse_unknown_driver
 
         try:

@@ -33,7 +33,7 @@ OPTIONS = (  # of the verb `gains`, in the order of the record
 def known_law(law: str | None) -> str | None:
     """Return the law of an option. Raises BadParameter for one that does not exist."""
     if law is not None:
-        from services.regulator.laws import LAWS
+        from control.laws import LAWS
 
         if law not in LAWS:
             raise BadParameter(f"must be {' or '.join(LAWS)}, found {law!r}")

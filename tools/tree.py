@@ -12,6 +12,7 @@ PRODUCTION = (
     "forcemesh",
     "controller",
     "common",
+    "control",
     "identification",
     "tuning",
     "services",

@@ -5,12 +5,12 @@ from math import ceil
 from typing import Any
 
 from common.config.cell import CellConfig
+from control.gain_rule import INERTIA_MARGIN, equal_gains, rule_gain
+from control.measured_range import range_violation, restriction
 from forcemesh.messages import Gains, Host
 from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
-from tuning.gain_rule import INERTIA_MARGIN, equal_gains, rule_gain
 from tuning.margins import Forecast, Loop, Margins, forecast, margins
-from tuning.measured_range import range_violation, restriction
 from tuning.servo import Servo
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0

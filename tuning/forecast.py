@@ -19,16 +19,11 @@ from dataclasses import dataclass
 from math import hypot, log, radians, sqrt, tan
 
 from common.config.cell import CellConfig
+from control.adaptive import LOOP, slowness, sure_inertia_margin
+from control.gain_rule import LOOP_GAIN, tune
+from control.measured_range import SAME, range_violation, restriction, softest_N_m
 from forcemesh.errors import DataError
 from tuning.force_map import Interval, LawMap, force_map
-from tuning.gain_rule import (
-    LOOP_GAIN,
-    PREDICTING_LOOP_GAIN,
-    slowness,
-    sure_inertia_margin,
-    tune,
-)
-from tuning.measured_range import SAME, range_violation, restriction, softest_N_m
 
 FEED_M_S, SLOPE_DEG = 0.02, 10.0
 FOLLOW_NOISE_N, PLAIN_OFFSET_N = 0.3, 0.4
@@ -118,7 +113,7 @@ def loop_gain(law: str, values: Mapping[str, float]) -> float:
     """Return k Ki tau on an identified contact, to first order."""
     if law == "plain":
         return values["plain_gain"]
-    slow, fast = slowness(values["period_s"]), PREDICTING_LOOP_GAIN
+    slow, (fast, _) = slowness(values["period_s"]), LOOP
     margin = sure_inertia_margin(slow)
     return min(fast + (LOOP_GAIN - fast) * slow, margin * inertia_share(values))
 

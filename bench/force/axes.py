@@ -21,10 +21,10 @@ from bench.harness import CaseTable, Options, Tables, grouped, largest, worst
 from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
+from control.axis_task import AxisTask, masked
 from forcemesh.force_task import parse_task
 from forcemesh.messages import PoseRecord, TaskFrame
 from forcemesh.requests import ForceStartRequest
-from services.regulator.axis_task import AxisTask, masked
 from services.regulator.task_request import (
     first_setpoint,
     next_setpoint,

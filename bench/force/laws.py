@@ -17,12 +17,12 @@ from bench.harness import grid
 from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
+from control.axis_task import AxisTask, mode_task
+from control.gain_rule import rule_gain, tune
+from control.gains import PiGains
+from control.law import LawInput, LawMotion, back_calculate, start_at
+from control.laws import LAWS
 from forcemesh.messages import Mode
-from services.regulator.axis_task import AxisTask, mode_task
-from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
-from services.regulator.laws import LAWS
-from tuning.gain_rule import rule_gain, tune
 
 HOLD_N = 10.0
 KEPT_SPEED = 0.9  # of FDCC's virtual mass at each step

@@ -1,7 +1,7 @@
 """Path with force: 10 N along poses on a tilted plane, a cylinder and a hemisphere.
 
 The program is off, as one taught by hand or taken from CAD is: shifted, and turned about the place
-where it starts. Every law runs the product's own path (services/regulator/pose_path.py), which
+where it starts. Every law runs the product's own path (control/pose_path.py), which
 differs only in that a law with a predictor foresees the height by itself.
 """
 
@@ -27,13 +27,13 @@ from bench.force.rig import ForceRig, LawSample, SceneSettings
 from bench.harness import CaseTable, Options, Tables, grouped, worst
 from bench.results import Row
 from common.motion.convert import vec3
-from services.regulator.axis_task import mode_task
-from services.regulator.gains import PiGains
-from services.regulator.law import LawMotion, back_calculate, start_at
-from services.regulator.path_curve import PathCurve
+from control.axis_task import mode_task
+from control.gain_rule import tune
+from control.gains import PiGains
+from control.law import LawMotion, back_calculate, start_at
+from control.path_curve import PathCurve
+from control.pose_path import PosePath, path_start
 from services.regulator.path_request import turn_limits
-from services.regulator.pose_path import PosePath, path_start
-from tuning.gain_rule import tune
 
 SURFACES = ("plane", "cylinder", "hemisphere")
 SPEEDS_MM_S, STIFFNESSES_N_M = (5.0, 20.0, 50.0), (5e3, 2e4, 1e5)

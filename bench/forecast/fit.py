@@ -18,6 +18,7 @@ from bench.forecast.jobs import LAWS, SLOPE_DEG, DrawnJob, Happened, drawn, run
 from bench.results import measured_now
 from common.config.cell import CellConfig
 from common.motion.frames import Array
+from control.measured_range import range_violation, softest_N_m
 from tuning.force_map import check_value, terms
 from tuning.forecast import (
     LEAST_FOLLOWING,
@@ -29,7 +30,6 @@ from tuning.forecast import (
     inertia_share,
     models,
 )
-from tuning.measured_range import range_violation, softest_N_m
 
 PRESS = (
     *("stiffness_N_m", "stiffest_ratio", "loop_delay_s", "period_s", "setpoint_N"),

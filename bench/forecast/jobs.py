@@ -15,7 +15,7 @@ from bench.force.laws import LawRunner
 from bench.force.rig import ForceRig, SceneSettings, Trace
 from bench.force.settle import is_steady
 from common.config.cell import CellConfig
-from tuning.gain_rule import tune
+from control.gain_rule import tune
 
 LAWS = ("adaptive", "plain")
 GAP_M = 0.0005

@@ -9,11 +9,11 @@ from cli.demo.measures import Surface
 from cli.demo.scenario import ScenarioPlan
 from common.config.cell import CellConfig
 from common.config.load import load_cell
+from control.measured_range import segment_approach_m_s
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Law
 from sim.robot.scene import plate_at_rest
 from sim.robot.settings import SimSettings
-from tuning.measured_range import segment_approach_m_s
 
 DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
 DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}

@@ -129,8 +129,8 @@ def report(
     """Print the table, write plot and picture, and report a missing picture."""
     from cli.demo import measures
     from cli.demo.cell import plate_of, surface_of
+    from control.gain_rule import tune
     from sim.robot.render import RenderUnavailable
-    from tuning.gain_rule import tune
 
     surface = surface_of(cell)
     result = measures.measure(trace, plan, surface, tune(cell).tau_s)

@@ -45,6 +45,7 @@ from common.config.cell import CellConfig, GatewaySection
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
+from control.delay_watch import DelayWatchSettings
 from controller.packet_table import Status, greeted
 from forcemesh import topics
 from forcemesh.bus import Reading
@@ -63,7 +64,6 @@ from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import CellView
 from launch.run_file import read_run
 from services.gateway.packet_window import Spread
-from services.regulator.delay_watch import DelayWatchSettings
 
 CONNECT_WITHIN_S = 0.5
 OBSERVED_S = 3.0

@@ -16,6 +16,7 @@ from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.limits import ArmBounds, Limits, check_workspace, check_wrench
+from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip
@@ -23,7 +24,6 @@ from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, missing, robot_faults
 from services.arbiter.watch import slow_start_trip
 from tuning.forecast_text import arming_text
-from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 REST_POSE_S = 0.2  # least time of the flange at one pose

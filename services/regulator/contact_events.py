@@ -22,6 +22,12 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, vec3
 from common.motion.frames import cross, dot, plus, rotated, scaled
+from control.law import (
+    LONGEST_CONTACT_LEVER_M,
+    RELEASE_FRACTION,
+    Contact,
+    limit_norm,
+)
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import (
@@ -34,12 +40,6 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.reader import Reading
-from services.regulator.law import (
-    LONGEST_CONTACT_LEVER_M,
-    RELEASE_FRACTION,
-    Contact,
-    limit_norm,
-)
 from services.regulator.session import ForceSession
 
 IMPACT_S = 0.2  # longest impact: a force that only rises has no peak

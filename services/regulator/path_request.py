@@ -10,11 +10,11 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import apart
+from control.axis_task import AxisTask
+from control.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
+from control.pose_path import PosePath, path_start
+from control.tcp_path import TcpPath, component_across, path_along
 from forcemesh.requests import PathRequest
-from services.regulator.axis_task import AxisTask
-from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
-from services.regulator.pose_path import PosePath, path_start
-from services.regulator.tcp_path import TcpPath, component_across, path_along
 
 IN_PLACE_SHARE = 0.25  # of the speed of an approach, at the edge of the tool
 

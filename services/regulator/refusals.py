@@ -10,6 +10,10 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from common.motion.permission import outranks
+from control.gain_rule import instability
+from control.laws import LAWS
+from control.pose_path import PosePath
+from control.tcp_path import MOST_PATH_POINTS, TcpPath
 from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
 from forcemesh.force_task import AXIS_NAMES
@@ -21,14 +25,10 @@ from forcemesh.requests import (
     PathRequest,
     Reply,
 )
-from services.regulator.laws import LAWS
 from services.regulator.path_request import largest_turn
-from services.regulator.pose_path import PosePath
 from services.regulator.session import ForceOwner, ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 from services.regulator.task_request import complying
-from services.regulator.tcp_path import MOST_PATH_POINTS, TcpPath
-from tuning.gain_rule import instability
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees

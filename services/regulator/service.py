@@ -14,6 +14,28 @@ from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.joint_paths import tool_path_refusals
 from common.motion.joint_space import JointSpace
+from control.adaptive import ContactStiffness
+from control.axis_task import AxisTask
+from control.compliance import ComplianceSettings, ComplianceState, axis_states
+from control.delay_watch import (
+    DelayWatch,
+    DelayWatchSettings,
+    share_to_send,
+)
+from control.gain_rule import instability, tune
+from control.gains import PiGains, gains_to_send, merged_gains
+from control.guards import (
+    TARED,
+    GuardSample,
+    GuardSettings,
+    GuardState,
+    no_swing,
+    watch,
+)
+from control.law import LawInput, back_calculate, start_at
+from control.laws import LAWS, refuse_unknown_law
+from control.link_lag import CommandHistory
+from control.unverified_axes import YieldTravel
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
 from forcemesh.clock import NS_PER_S
@@ -28,27 +50,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest, Reply
-from services.regulator.adaptive import ContactStiffness
-from services.regulator.axis_task import AxisTask
-from services.regulator.compliance import ComplianceSettings, ComplianceState, axis_states
 from services.regulator.contact_events import ContactTracker
-from services.regulator.delay_watch import (
-    DelayWatch,
-    DelayWatchSettings,
-    share_to_send,
-)
-from services.regulator.gains import PiGains, gains_to_send, merged_gains
-from services.regulator.guards import (
-    TARED,
-    GuardSample,
-    GuardSettings,
-    GuardState,
-    no_swing,
-    watch,
-)
-from services.regulator.law import LawInput, back_calculate, start_at
-from services.regulator.laws import LAWS, refuse_unknown_law
-from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import next_path, tool_poses, turn_limits
 from services.regulator.refusals import (
     refused_axes,
@@ -72,8 +74,6 @@ from services.regulator.session import (
 )
 from services.regulator.task_refusals import refused_task
 from services.regulator.task_request import first_setpoint, request_task
-from services.regulator.unverified_axes import YieldTravel
-from tuning.gain_rule import instability, tune
 
 OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequest)
 

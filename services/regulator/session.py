@@ -8,6 +8,15 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import dot, product, rotated, rotated_back, scaled
+from control.axis_task import IDENTITY, AxisTask
+from control.compliance import ComplianceSettings, ComplianceState, comply
+from control.delay_watch import DelayWatch, DelayWatchSettings, scaled_gains
+from control.gains import PiGains, held_gains
+from control.guards import GuardState, kept_over_restart
+from control.law import LawInput, LawMotion, back_calculate
+from control.laws import LAWS
+from control.link_lag import CommandHistory
+from control.tcp_path import tangent_frame
 from forcemesh.codec import Header
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
@@ -24,17 +33,8 @@ from forcemesh.messages import (
 )
 from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
-from services.regulator.axis_task import IDENTITY, AxisTask
-from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
-from services.regulator.delay_watch import DelayWatch, DelayWatchSettings, scaled_gains
-from services.regulator.gains import PiGains, held_gains
-from services.regulator.guards import GuardState, kept_over_restart
-from services.regulator.law import LawInput, LawMotion, back_calculate
-from services.regulator.laws import LAWS
-from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import Path
 from services.regulator.task_request import next_setpoint, ramped, same_frame, task_mode
-from services.regulator.tcp_path import tangent_frame
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 

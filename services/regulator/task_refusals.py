@@ -6,10 +6,10 @@ import numpy as np
 
 from common.config.cell import CellConfig
 from common.motion.frames import Rows
+from control.laws import LAWS
 from forcemesh.faults import refusal
 from forcemesh.force_task import AXIS_NAMES
 from forcemesh.requests import ForceStartRequest, ForceTask, Reply, TaskAxis
-from services.regulator.laws import LAWS
 from services.regulator.task_request import complying
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling

@@ -12,10 +12,8 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Rows, cross, plus, rotated_back, true_sensor
-from forcemesh.messages import Mode, Vec3
-from forcemesh.requests import ForceStartRequest, TaskAxis
-from services.regulator.admittance import resting_deadband_N, resting_deadband_Nm
-from services.regulator.axis_task import (
+from control.admittance import resting_deadband_N, resting_deadband_Nm
+from control.axis_task import (
     IDENTITY,
     AxisTask,
     Flags,
@@ -23,6 +21,8 @@ from services.regulator.axis_task import (
     VirtualMass,
     mode_task,
 )
+from forcemesh.messages import Mode, Vec3
+from forcemesh.requests import ForceStartRequest, TaskAxis
 
 SEARCHED_DEADBANDS = 2.0  # a task with a smaller force set point has no approach
 TORQUE_LEVER_M = 0.1  # a torque set point rises as a force at this distance

@@ -6,10 +6,10 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import record_of
+from control.gains import PiGains
+from control.law import LawSettings, next_motion, start_at
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
-from services.regulator.gains import PiGains
-from services.regulator.law import LawSettings, next_motion, start_at
 from tests.fakes.law_input import mode_input
 
 

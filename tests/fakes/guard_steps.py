@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from control.guards import GuardSample, GuardSettings, GuardState, watch
 from forcemesh.messages import ZERO3, Trip
-from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

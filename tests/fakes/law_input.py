@@ -4,12 +4,12 @@ from typing import Any
 
 import pinocchio as pin
 
+from control.axis_task import mode_task
+from control.gain_rule import tune
+from control.gains import PiGains
+from control.law import LawInput, LawMotion, start_at
 from forcemesh.messages import ZERO3, Mode, Vec3
-from services.regulator.axis_task import mode_task
-from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, start_at
 from tests.fakes.arbiter_world import CELL, T_START
-from tuning.gain_rule import tune
 
 DT_S = 0.004
 GAINS = PiGains.of(tune(CELL).gains)

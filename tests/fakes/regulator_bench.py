@@ -8,6 +8,7 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import rotation_between
+from control.gain_rule import tune
 from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.messages import (
@@ -22,7 +23,6 @@ from forcemesh.requests import ForceStartRequest, Reply
 from services.regulator.service import Regulator
 from tests.fakes.arbiter_world import good_messages
 from tests.fakes.bench import CELL, Bench
-from tuning.gain_rule import tune
 
 T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
 POSITION = ForceStartRequest(mode="position")

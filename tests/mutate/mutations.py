@@ -35,8 +35,8 @@ MODULES = (
     "services.arbiter.preflight",
     "services.arbiter.stream",
     "services.arbiter.watch",
-    "services.regulator.guards",
-    "tuning.gain_rule",
+    "control.guards",
+    "control.gain_rule",
     *sorted(
         f"services.{service}.{path.stem}"
         for service in ("gateway", "wrench")

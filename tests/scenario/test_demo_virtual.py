@@ -13,10 +13,10 @@ from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, d
 from cli.demo.measures import Result, measure
 from cli.demo.scenario import ScenarioError, ScenarioPlan, play_virtual
 from common.config.load import load_cell
+from control.gain_rule import tune
 from forcemesh.errors import ConfigError
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
-from tuning.gain_rule import tune
 
 OVER_TCP = DEMO.with_name("demo-tcp.yaml")
 MODES = ("position", "orientation", "both")

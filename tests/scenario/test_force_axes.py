@@ -12,12 +12,12 @@ import pytest
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import Array
+from control.admittance import AdmittanceSettings
+from control.law import LawSettings
 from forcemesh import topics
 from forcemesh.force_task import AXIS_NAMES, parse_task
 from forcemesh.messages import PoseRecord
 from forcemesh.requests import ForceStartRequest, ForceTask
-from services.regulator.admittance import AdmittanceSettings
-from services.regulator.law import LawSettings
 from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import DEMO
 from tests.fakes.coupled_contact import CoupledContact, skewed_stiffness

@@ -4,7 +4,7 @@ import pytest
 
 from bench.over_tcp import CASES, CONTROLLERS, STIFFNESSES_N_M, bears, failed
 from bench.results import Row, read
-from tuning.measured_range import SEGMENTS
+from control.measured_range import SEGMENTS
 
 
 def row(case: Row, **changes: object) -> Row:

@@ -15,6 +15,7 @@ from cli.replay_service import replayed
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.runtime.service import HealthReporter, Runner
+from control.gains import PiGains
 from forcemesh import topics
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
@@ -23,7 +24,6 @@ from forcemesh.requests import ArmRequest, Empty, HoldRequest
 from forcemesh.topics import SERVED
 from services.arbiter.service import ArbiterService
 from services.recorder.reading import RecordedBytes, RecordedFile, play
-from services.regulator.gains import PiGains
 from services.regulator.service import Regulator
 from tests.fakes.recorded_cell import PRESS, Job, RecordedCell, recorded
 from tests.fakes.verb_calls import run

@@ -31,6 +31,6 @@ def test_a_walk_goes_from_service_to_service_as_the_data_does(capsys) -> None:
     ]
     places = [sample.index(station) for station in stations]
     assert places == sorted(places)
-    assert "services/regulator/adaptive.py: step" in sample
+    assert "control/adaptive.py: step" in sample
     assert "cli/" not in output
     assert "launch/" not in output

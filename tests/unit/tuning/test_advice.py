@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from cli.tune import output as words
 from common.config.load import load_cell
+from control.gain_rule import tune
 from forcemesh.messages import Host
 from tests.fakes.bench import CELL, DEMO
 from tuning import advice
 from tuning.advice import MeasuredCell, advise
 from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
-from tuning.gain_rule import tune
 from tuning.margins import Loop, margins, release_response
 from tuning.servo import Servo
 

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from control.gain_rule import LOOP_GAIN
 from forcemesh.errors import DataError
 from tests.fakes.bench import CELL, cell_with
 from tuning import forecast_text
 from tuning.force_map import FILE, QuantityFit, check_value, force_map
 from tuning.forecast import ForceJob, forecast, loop_gain, not_covered
 from tuning.forecast_text import arming_text, rows, warnings
-from tuning.gain_rule import LOOP_GAIN
 
 SETPOINTS = st.floats(5.0, 40.0)
 STIFFNESSES = st.floats(5e3, 2e4)

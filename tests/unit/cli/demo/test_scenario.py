@@ -13,6 +13,8 @@ from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.scenario import SILENT_READINGS, Scenario, ScenarioPlan, play_virtual
 from common.config.load import dump_cell, load_cell
+from control.gain_rule import tune
+from control.measured_range import SEGMENTS, segment_approach_m_s
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ConfigError
@@ -25,8 +27,6 @@ from launch.virtual_cell import VirtualCell
 from services.arbiter.preflight import contact_trips
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
-from tuning.gain_rule import tune
-from tuning.measured_range import SEGMENTS, segment_approach_m_s
 
 
 def test_a_curved_surface_and_a_real_arm_are_refused_before_anything_starts(

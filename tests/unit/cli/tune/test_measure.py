@@ -11,6 +11,7 @@ from cli.skills.contact_monitor import no_progress
 from cli.tune.measure import Readings, TuningMeasurement, TuningTrial, measure
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
+from control.gain_rule import tune
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
 from sim.robot.settings import TICK_S
@@ -18,7 +19,6 @@ from tests.fakes.bench import DEMO
 from tests.fakes.long import long
 from tests.fakes.verb_calls import call_verb
 from tuning.contact_spring import Spring
-from tuning.gain_rule import tune
 from tuning.servo import Servo
 
 CELLS = DEMO.parent

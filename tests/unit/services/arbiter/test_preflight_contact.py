@@ -7,11 +7,11 @@ import pytest
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
+from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 from forcemesh.messages import ArmPurpose, Trip
 from services.arbiter.preflight import contact_trips
 from tests.fakes.arbiter_world import World
 from tests.fakes.bench import DEMO, cell_with
-from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 
 CELLS = sorted(DEMO.parent.glob("*.yaml"))
 LONGEST_S = max(row.longest_s for row in SEGMENTS)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.motion.convert import vec3
+from control.law import Contact
 from forcemesh import topics
 from forcemesh.codec import decode
 from forcemesh.messages import TOUCHING, ContactEvent, ContactState
@@ -29,7 +30,6 @@ from services.regulator.contact_events import (
     ContactTracker,
     Happening,
 )
-from services.regulator.law import Contact
 from services.regulator.service import Regulator
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, DEMO

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from common.motion.convert import record_of
+from control.tcp_path import MOST_PATH_POINTS
 from forcemesh import topics
 from forcemesh.force_task import parse_task
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.tcp_path import MOST_PATH_POINTS
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (

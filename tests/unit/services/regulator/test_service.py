@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
+from control.gain_rule import tune
+from control.law import LawSettings
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
-from services.regulator.law import LawSettings
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (
@@ -23,7 +24,6 @@ from tests.fakes.regulator_bench import (
     RegulatorBench,
     assert_stopped,
 )
-from tuning.gain_rule import tune
 
 
 @pytest.fixture

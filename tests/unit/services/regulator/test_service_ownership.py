@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
+from control.gain_rule import instability, tune
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
 from forcemesh.topics import CLIENT
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import KI, RegulatorBench
-from tuning.gain_rule import instability, tune
 
 CHANGES: dict[str, tuple[topics.Request[Any], Any]] = {
     "set point": (topics.FORCE_START, ForceStartRequest(setpoint_N=20.0)),

@@ -6,10 +6,10 @@ import pytest
 
 from common.motion.convert import record_of, vec3
 from common.motion.frames import rotation_from_vector
+from control.link_lag import CommandHistory
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, RobotCommand, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
-from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from services.regulator import law
+from control import law
 from tests.kept.outputs import FOLDER, MOST_APART, Kept, differences, kept_of, read, windows
 from tests.kept.runs import RUNS
 
@@ -35,7 +35,7 @@ def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
         gains = dataclasses.replace(sample.gains, force_i_m_per_Ns=more)
         return well(dataclasses.replace(sample, gains=gains), settings)
 
-    monkeypatch.setattr("services.regulator.laws.next_motion", nearly)
+    monkeypatch.setattr("control.laws.next_motion", nearly)
     found = differences(read("plain-sim-both"), kept_of(RUNS["plain-sim-both"].run_cell()))
     assert any(line.startswith("regulator pose: from window") for line in found)
 

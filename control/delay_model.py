@@ -19,8 +19,8 @@ import pinocchio as pin
 
 from common.config.plant import Delays
 from common.motion.frames import Vector, plus, rotated_back, scaled
+from control.law import LawInput, motion_between
 from forcemesh.messages import ZERO3, Vec3
-from services.regulator.law import LawInput, motion_between
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
 SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond

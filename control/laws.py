@@ -14,14 +14,14 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Rows, Vector
+from control import adaptive, admittance
+from control.adaptive import AdaptiveSettings, ContactStiffness
+from control.admittance import AdmittanceSettings
+from control.gains import PiGains
+from control.law import LawInput, LawMotion, LawSettings, next_motion
+from control.measured_range import restriction, softest_N_m
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.regulator import adaptive, admittance
-from services.regulator.adaptive import AdaptiveSettings, ContactStiffness
-from services.regulator.admittance import AdmittanceSettings
-from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion
-from tuning.measured_range import restriction, softest_N_m
 
 
 @dataclass(frozen=True, slots=True)

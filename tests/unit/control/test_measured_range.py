@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from forcemesh.requests import ForceStartRequest
-from services.regulator.adaptive import AdaptiveSettings, gain_for
-from tests.fakes.bench import CELL, DEMO
-from tests.fakes.regulator_bench import RegulatorBench
-from tuning import measured_range
-from tuning.measured_range import (
+from control import measured_range
+from control.adaptive import AdaptiveSettings, gain_for
+from control.measured_range import (
     range_violation,
     restriction,
     segment_approach_m_s,
     segment_range,
     softest_N_m,
 )
+from forcemesh.requests import ForceStartRequest
+from tests.fakes.bench import CELL, DEMO
+from tests.fakes.regulator_bench import RegulatorBench
 
 ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
 

@@ -15,8 +15,8 @@ import pinocchio as pin
 from common.motion.convert import vec3
 from common.motion.frames import Array, Rows, Speeds
 from common.motion.rate_limiter import REST
+from control.law import LawInput, LawMotion
 from forcemesh.messages import ZERO3
-from services.regulator.law import LawInput, LawMotion
 
 MOST_PATH_POINTS = 600  # pending at once
 SHARP = 0.9  # cosine of the corner angle from which the path stops at a point

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from common.config.load import load_cell
 from common.motion.convert import vec3
 from common.motion.frames import rotation_between, rotation_from_vector
-from services.regulator.adaptive import (
+from control.adaptive import (
     UNPREDICTED_AT,
     AdaptiveSettings,
     begin,
@@ -23,19 +23,19 @@ from services.regulator.adaptive import (
     limit_gain_for_braking,
     step,
 )
-from services.regulator.axis_task import IDENTITY, mode_task
-from services.regulator.estimates import (
+from control.axis_task import IDENTITY, mode_task
+from control.estimates import (
     SOFTEST_ARM_N_M,
     SOFTEST_CONTACT_N_M,
     FitSettings,
     ResponseShare,
     Stiffness,
 )
-from services.regulator.gains import PiGains
-from services.regulator.law import LawMotion, start_at
+from control.gain_rule import LOOP_GAIN, tune
+from control.gains import PiGains
+from control.law import LawMotion, start_at
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.law_input import DT_S, GAINS, START, mode_input
-from tuning.gain_rule import LOOP_GAIN, tune
 
 SETTINGS = AdaptiveSettings.of(CELL)
 PLAIN = SETTINGS.plain

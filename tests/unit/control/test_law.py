@@ -15,11 +15,11 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.convert import vec3
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
-from forcemesh.messages import ZERO3
-from services.regulator import adaptive
-from services.regulator.adaptive import AdaptiveSettings
-from services.regulator.gains import PiGains
-from services.regulator.law import (
+from control import adaptive
+from control.adaptive import AdaptiveSettings
+from control.gain_rule import tune
+from control.gains import PiGains
+from control.law import (
     LawInput,
     LawMotion,
     LawSettings,
@@ -27,9 +27,9 @@ from services.regulator.law import (
     soft_deadband,
     start_at,
 )
+from forcemesh.messages import ZERO3
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.law_input import DT_S, GAINS, START, mode_input
-from tuning.gain_rule import tune
 
 MODES = ("position", "orientation", "both")
 SETTINGS = LawSettings.of(CELL)

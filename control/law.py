@@ -33,9 +33,9 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
+from control.axis_task import CELLS, AxisTask, Limits, masked
+from control.gains import PiGains
 from forcemesh.messages import ZERO3, Vec3
-from services.regulator.axis_task import CELLS, AxisTask, Limits, masked
-from services.regulator.gains import PiGains
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force

@@ -28,18 +28,18 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from forcemesh.messages import ZERO3, AxisState, Vec3
-from forcemesh.requests import ForceTask
-from services.regulator.admittance import (
+from control.admittance import (
     MASSES,
     AdmittanceSettings,
     AdmittanceState,
     virtual_speed,
     virtual_step,
 )
-from services.regulator.admittance import begin as begin_guiding
-from services.regulator.axis_task import AxisTask, VirtualMass, clipped
-from services.regulator.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
+from control.admittance import begin as begin_guiding
+from control.axis_task import AxisTask, VirtualMass, clipped
+from control.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
+from forcemesh.messages import ZERO3, AxisState, Vec3
+from forcemesh.requests import ForceTask
 
 AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero

@@ -21,12 +21,12 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Vector, dot, plus, rotated, rotated_back
+from control import unverified_axes
+from control.axis_task import masked
+from control.law import Contact, LawInput, LawMotion, motion_between
+from control.unverified_axes import Flags, YieldTravel
 from forcemesh.faults import tripped
 from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
-from services.regulator import unverified_axes
-from services.regulator.axis_task import masked
-from services.regulator.law import Contact, LawInput, LawMotion, motion_between
-from services.regulator.unverified_axes import Flags, YieldTravel
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much

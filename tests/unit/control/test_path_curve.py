@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import apart
-from services.regulator.path_curve import PathCurve, TurnLimits
+from control.path_curve import PathCurve, TurnLimits
 
 coordinates, angles = st.floats(-0.05, 0.05), st.floats(-0.5, 0.5)
 poses = st.builds(

@@ -9,12 +9,12 @@ import pytest
 
 from common.config.load import load_cell
 from common.motion.convert import record_of
+from control.link_lag import CommandHistory
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import UNIT_QUATERNION, ZERO3, PoseRecord
 from forcemesh.requests import ForceStartRequest, PathRequest
 from launch import virtual_cell as virtual
-from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.lab import Lab

@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.config.plant import PROBE_N
+from control.gain_rule import tune
+from control.guards import HALF_WAVES, GuardSettings, GuardState, HalfWaves
+from control.law import LawSettings
 from forcemesh import topics
 from forcemesh.requests import ForceStartRequest, GainsRequest
-from services.regulator.guards import HALF_WAVES, GuardSettings, GuardState, HalfWaves
-from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.guard_steps import guard_sample, watched
 from tests.fakes.regulator_bench import KI, PERIOD_S, RegulatorBench
 from tests.unit.services.regulator.conftest import Press
-from tuning.gain_rule import tune
 
 GUARDS = GuardSettings.of(CELL)
 TAU_S = CELL.plant.tau_s

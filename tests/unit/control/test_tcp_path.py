@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from control.axis_task import IDENTITY
+from control.tcp_path import advance, path_along, tangent_frame
 from forcemesh import topics
 from forcemesh.force_task import parse_task
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.axis_task import IDENTITY
 from services.regulator.service import Regulator
-from services.regulator.tcp_path import advance, path_along, tangent_frame
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
 PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)

@@ -16,10 +16,6 @@ from forcemesh.messages import Gains, Preset
 LOOP_GAIN = 0.45  # k Ki tau
 LOOP_GAINS: dict[Preset, float] = {"gentle": 0.2, "normal": LOOP_GAIN, "stiff": 0.6}
 INERTIA_MARGIN = 0.5  # of 1 / (m w_b)
-# Of the adaptive law, on an identified contact.
-PREDICTING_LOOP_GAIN = 3.4  # k Ki tau at most
-FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
-SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +51,6 @@ def rule_gain(
     """Return the gain of the rule for one stiffness and inertia, of force or of torque."""
     margin = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
     return min(loop_gain / (stiffness * tau_s), margin / (inertia * bandwidth_rad_s))
-
-
-def slowness(period_s: float) -> float:
-    """Return 0 in a fast loop, 1 in a slow one, in which the adaptive law does not predict."""
-    return min(max((period_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
-
-
-def sure_inertia_margin(slow: float) -> float:
-    """Return the share of 1 / (m w_b) that the gain on an identified contact may reach."""
-    fast_margin, slow_margin = SURE_INERTIA_MARGIN
-    return fast_margin + (slow_margin - fast_margin) * slow
 
 
 def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:

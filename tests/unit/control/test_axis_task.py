@@ -14,12 +14,9 @@ from hypothesis import strategies as st
 
 from common.motion.convert import pose_of, record_of, vec3
 from common.motion.frames import cross, plus, rotated, rotation_from_vector
-from forcemesh.force_task import parse_task
-from forcemesh.messages import ZERO3, RegulatorTarget
-from forcemesh.requests import ForceStartRequest
-from services.regulator import admittance
-from services.regulator.admittance import AdmittanceSettings
-from services.regulator.axis_task import (
+from control import admittance
+from control.admittance import AdmittanceSettings
+from control.axis_task import (
     ALL,
     CELLS,
     IDENTITY,
@@ -28,14 +25,17 @@ from services.regulator.axis_task import (
     VirtualMass,
     mode_task,
 )
-from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
-from services.regulator.law import LawInput, LawSettings, next_motion, start_at
+from control.compliance import ComplianceSettings, ComplianceState, comply
+from control.gain_rule import tune
+from control.law import LawInput, LawSettings, next_motion, start_at
+from forcemesh.force_task import parse_task
+from forcemesh.messages import ZERO3, RegulatorTarget
+from forcemesh.requests import ForceStartRequest
 from services.regulator.task_request import first_setpoint, next_setpoint, ramped, request_task
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.law_input import DT_S, GAINS, START, mode_input
 from tests.fakes.regulator_bench import BOTH_HOSTS, PERIOD_S, FollowingBench, RegulatorBench
-from tuning.gain_rule import tune
 
 LAW, SETTINGS = LawSettings.of(CELL), ComplianceSettings.of(CELL)
 PLAIN = SETTINGS.guiding.plain

@@ -9,10 +9,10 @@ import pytest
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
+from control.law import LawInput, LawMotion
+from control.laws import LAWS, Law, refuse_unknown_law
 from forcemesh.errors import ConfigError
 from forcemesh.requests import ForceStartRequest
-from services.regulator.law import LawInput, LawMotion
-from services.regulator.laws import LAWS, Law, refuse_unknown_law
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from common.config.load import load_cell
+from control.delay_watch import LINK_S, DelayWatch, DelayWatchSettings
+from control.gain_rule import tune
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, LinkHealth
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
-from services.regulator.delay_watch import LINK_S, DelayWatch, DelayWatchSettings
 from services.regulator.service import Regulator
 from tests.fakes.bench import CELL, DEMO, cell_with
 from tests.fakes.regulator_bench import RegulatorBench
 from tests.unit.services.regulator.conftest import Press
-from tuning.gain_rule import tune
 
 SETTINGS = DelayWatchSettings.of(CELL)
 DT_S = 0.004

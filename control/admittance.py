@@ -21,10 +21,10 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.plant import Delays
 from common.motion.frames import Vector, plus, product, rotated, rotated_back
-from forcemesh.messages import ZERO3, Vec3
-from services.regulator.axis_task import VirtualMass
-from services.regulator.delay_model import LoopDelayModel
-from services.regulator.law import (
+from control.axis_task import VirtualMass
+from control.delay_model import LoopDelayModel
+from control.gain_rule import LOOP_GAIN
+from control.law import (
     LawInput,
     LawMotion,
     LawSettings,
@@ -32,7 +32,7 @@ from services.regulator.law import (
     next_motion,
     task_deadband,
 )
-from tuning.gain_rule import LOOP_GAIN
+from forcemesh.messages import ZERO3, Vec3
 
 FREE = (VirtualMass(),) * 3
 HAND_N_M = 1500.0  # largest stiffness of a hand's grip

@@ -29,29 +29,24 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.plant import Delays
 from common.motion.frames import Rows, Vector, apart, plus, product, rotated, rotated_back, scaled
+from control.axis_task import IDENTITY
+from control.delay_model import ContactTravel
+from control.estimates import FitSettings, ResponseShare, Stiffness
+from control.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
+from control.gains import PiGains
+from control.law import LawInput, LawMotion, LawSettings, next_motion, task_deadband
+from control.measured_range import softest_N_m
+from control.surface_tracking import SurfaceTracking
 from forcemesh.messages import Vec3
-from services.regulator.axis_task import IDENTITY
-from services.regulator.delay_model import ContactTravel
-from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
-from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion, task_deadband
-from services.regulator.surface_tracking import SurfaceTracking
-from tuning.gain_rule import (
-    INERTIA_MARGIN,
-    LOOP_GAIN,
-    PREDICTING_LOOP_GAIN,
-    slowness,
-    sure_inertia_margin,
-    tune,
-)
-from tuning.measured_range import softest_N_m
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
+SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
+FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
 UNPREDICTED_AT = 0.2  # fall of the gain share at which nothing is predicted any more
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 ROBOT_PERIODS_S = (0.010, 0.025)  # of the rows of gain limits
-LOOP = (PREDICTING_LOOP_GAIN, 2.0)
+LOOP = (3.4, 2.0)
 FULL_PREDICTION_LOOP = (2.5, 2.0)
 LARGEST_PREDICTION_WEIGHT = (0.9, 1.0)
 ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter must not have to limit the command
@@ -329,6 +324,17 @@ def gain_for(
         Ki.append(gain * share * min(requested / (rule * share), 1.0))
         w.append(weight)
     return Ki, w
+
+
+def slowness(period_s: float) -> float:
+    """Return 0 in a fast loop, 1 in a slow one, in which the adaptive law does not predict."""
+    return min(max((period_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+
+
+def sure_inertia_margin(slow: float) -> float:
+    """Return the share of 1 / (m w_b) that the gain on an identified contact may reach."""
+    fast_margin, slow_margin = SURE_INERTIA_MARGIN
+    return fast_margin + (slow_margin - fast_margin) * slow
 
 
 def _gain_at(

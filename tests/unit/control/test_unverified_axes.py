@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from common.motion.frames import Array
+from control.law import LawSettings
+from control.unverified_axes import LIMIT_RAD, YieldTravel
 from forcemesh import topics
 from forcemesh.messages import ZERO3
 from forcemesh.requests import Empty, ForceStartRequest
-from services.regulator.law import LawSettings
-from services.regulator.unverified_axes import LIMIT_RAD, YieldTravel
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S

@@ -12,9 +12,8 @@ import pinocchio as pin
 import pytest
 
 from common.motion.frames import plus
-from forcemesh.messages import Trip, WrenchAtTcp
-from services.regulator.axis_task import AxisTask, VirtualMass
-from services.regulator.guards import (
+from control.axis_task import AxisTask, VirtualMass
+from control.guards import (
     GuardSample,
     GuardSettings,
     GuardState,
@@ -22,7 +21,8 @@ from services.regulator.guards import (
     kept_over_restart,
     no_swing,
 )
-from services.regulator.law import start_at
+from control.law import start_at
+from forcemesh.messages import Trip, WrenchAtTcp
 from tests.fakes.guard_steps import DOWN, guard_sample, watched
 from tests.fakes.law_input import mode_input
 

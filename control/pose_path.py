@@ -18,11 +18,11 @@ import pinocchio as pin
 from common.motion.convert import vec3
 from common.motion.frames import Array, Speeds, dot, moved, plus, speeds_between
 from common.motion.rate_limiter import REST
+from control.axis_task import AxisTask, Flags, masked
+from control.law import LawInput, LawMotion, limit_norm
+from control.path_curve import PathCurve
+from control.tcp_path import room_m
 from forcemesh.messages import ZERO3
-from services.regulator.axis_task import AxisTask, Flags, masked
-from services.regulator.law import LawInput, LawMotion, limit_norm
-from services.regulator.path_curve import PathCurve
-from services.regulator.tcp_path import room_m
 
 FULL_FEED_SHARE, FULL_FEED_N = 0.1, 1.0  # force error, of the set point and at least, at full feed
 LEAST_FEED_SHARE, LEAST_FEED_N = 0.5, 3.0  # and from which on the feed is the least

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.config.plant import PROBE_N
+from control.gain_rule import instability, tune
+from control.law import LawSettings
 from forcemesh.messages import Gains, Preset
-from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL
-from tuning.gain_rule import instability, tune
 
 
 def cell_of(k: float, k_tilt: float, delay_s: float) -> CellConfig:

@@ -39,8 +39,8 @@ from common.motion.frames import (
     rotation_between,
     scaled,
 )
+from control.tcp_path import SHARP
 from forcemesh.messages import ZERO3, Vec3
-from services.regulator.tcp_path import SHARP
 
 ROTATION_RADIUS_M = 0.02
 LEAST_BEND = 0.01  # sine of the angle of a corner that is blended

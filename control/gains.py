@@ -7,10 +7,10 @@ import numpy as np
 from common.config.cell import CellConfig
 from common.motion.convert import vec3
 from common.motion.frames import Rows, product, scaled
+from control.axis_task import AxisTask
+from control.gain_rule import tune
 from forcemesh.messages import Gains, Vec3
 from forcemesh.requests import GainsRequest
-from services.regulator.axis_task import AxisTask
-from tuning.gain_rule import tune
 
 GAIN_RAMP_S = 0.1  # time constant
 HALF = 0.5  # component of an axis along the base axis that it is

@@ -14,14 +14,14 @@ from common.bus.memory_bus import MemoryCall
 from common.config.load import load_cell
 from common.motion.convert import record_of
 from common.motion.frames import apart
+from control.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
+from control.pose_path import is_missed
 from forcemesh import topics
 from forcemesh.codec import Envelope, decode_record, encode_record
 from forcemesh.force_task import parse_task
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.regulator import service
-from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 from services.regulator.path_request import turn_limits
-from services.regulator.pose_path import is_missed
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 

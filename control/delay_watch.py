@@ -23,10 +23,10 @@ from math import exp, sqrt
 from common.config.cell import CellConfig
 from common.config.plant import Delays
 from common.motion.frames import Vector, plus
+from control.delay_model import LoopDelayModel
+from control.estimates import Moments
+from control.gains import SAME_GAIN
 from forcemesh.messages import Gains, Vec3
-from services.regulator.delay_model import LoopDelayModel
-from services.regulator.estimates import Moments
-from services.regulator.gains import SAME_GAIN
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 4.0, 20.0, 0.2  # forgetting of the fit
 NOISE_M = 1e-5  # standard deviation of a reported position

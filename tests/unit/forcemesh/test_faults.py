@@ -102,7 +102,7 @@ def words_of(*patterns: str) -> set[str]:
 @each_fault
 def test_a_fault_is_raised_by_the_code_and_expected_by_a_test(fault: FaultCode) -> None:
     """A code that nothing causes is a mistake of the dictionary; its cause has a test elsewhere."""
-    folders = ("forcemesh", "common", "services", "cli", "controller", "sim")
+    folders = ("forcemesh", "common", "control", "services", "cli", "controller", "sim")
     assert fault.code in words_of(*(f"{folder}/**/*.py" for folder in folders))
     assert fault.code in words_of("tests/unit/**/test_*.py", "tests/contract/test_*.py")
 

@@ -20,6 +20,7 @@ from tests.mutate.planting import (
     Kills,
     NewProcess,
     change_program,
+    function_of,
     run_items,
     silence,
 )
@@ -38,6 +39,11 @@ class Verdict:
     line: int
     killed_by: Sequence[str]
     not_run: int  # tests that reach the line too, but the time was over
+
+
+def places_of(mutant: Mutant) -> tuple[str, str]:
+    """Return where a mutant is, from near to far: its function, its module."""
+    return mutant.title.partition(": ")[0], mutant.module
 
 
 def verdicts(journal: Path) -> list[Verdict]:
@@ -70,6 +76,8 @@ class Judge:
         self._work = [mutant for mutant in work if mutant.title not in done]
         self._reached, self._took_s = reached, reached.took_s
         self._running: dict[int, Job] = {}  # by the end of the pipe that is read
+        # Tests that detected mutants of this function, and of this module; the latest first.
+        self._killers: dict[str, list[str]] = {}
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Judge all mutants."""
@@ -82,7 +90,8 @@ class Judge:
         for number, mutant in enumerate(self._work, 1):
             while len(self._running) >= self._jobs:
                 self._wait()
-            self._fork(Job(mutant, *self._split(self._reached.by(mutant), MOST_S)))
+            tests, left = self._split(self._reached.by(mutant), MOST_S)
+            self._fork(Job(mutant, self._likely_first(mutant, tests), left))
             print(f"{number} of {len(self._work)}: {mutant.title}", file=sys.__stderr__, flush=True)
         while self._running:
             self._wait()
@@ -100,6 +109,12 @@ class Judge:
             count += 1
         count = max(count, min(1, len(known)))
         return sorted(known[:count], key=self._place.__getitem__), known[count:]
+
+    def _likely_first(self, mutant: Mutant, tests: list[str]) -> list[str]:
+        """Return tests with those first that detected other mutants nearby."""
+        nearby = [each for place in places_of(mutant) for each in self._killers.get(place, ())]
+        rank = {each: place for place, each in reversed(list(enumerate(nearby)))}
+        return sorted(tests, key=lambda each: rank.get(function_of(each), len(nearby)))
 
     def _fork(self, job: Job) -> None:
         read, write = os.pipe()
@@ -149,6 +164,9 @@ class Judge:
         os.close(read)
         os.waitpid(job.pid, 0)
         killers = sorted(set(job.text.decode().split("\n")) - {""})
+        for place in places_of(job.mutant) if killers else ():
+            before = [each for each in self._killers.get(place, ()) if each not in killers]
+            self._killers[place] = [*killers, *before]
         in_python = job.mutant.module != PROGRAM.name
         if not killers and job.stage == 0 and in_python:
             # a table that is made at the import may hold the change

@@ -28,7 +28,7 @@ from tests.mutate.reached import Reached
 
 HANGS = "a test that does not end"
 MOST_S = 15.0  # of tests on one mutant
-MOST_UNTIL_KILLED_S = 120.0  # of tests on a mutant that none of the first ones detects
+MOST_UNTIL_KILLED_S = 45.0  # of tests on a mutant that none of the first ones detects
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,8 @@ from common.motion.frames import Array, apart, interpolated
 from common.motion.joint_space import JointSpace
 from common.motion.limits import check_joints
 from common.motion.paths import TURN_RADIUS_M
-from forcemesh.faults import clipped, refused, tripped
+from forcemesh.faults import clipped, tripped
 from forcemesh.messages import Goal, RobotState, Trip
-from forcemesh.requests import Reply
 
 SAMPLE_M = 0.02
 MOST_SAMPLES = 60  # beyond one for each segment: bounds the time, which a control loop waits for
@@ -107,7 +106,7 @@ def path_samples(
             yield None
 
 
-def tool_path_refusals(
+def tool_path_trips(
     space: JointSpace | None,
     poses: Sequence[pin.SE3],
     robot: RobotState | None,
@@ -115,8 +114,8 @@ def tool_path_refusals(
     *,
     T_tcp_flange: pin.SE3,
     speed_m_s: float,
-) -> Iterator[Reply | None]:
-    """Check whether the joints can follow a path of the tool, as `path_samples`, with refusals.
+) -> Iterator[Trip | None]:
+    """Check whether the joints can follow a path of the tool: `path_samples`, its text has the point.
 
     Args:
         space: Joint space of the arm.
@@ -132,9 +131,8 @@ def tool_path_refusals(
     for found in path_samples(
         space, flange_poses, robot, T_base_tcp * T_tcp_flange, speed_m_s=speed_m_s
     ):
-        yield found and refused(
-            found.trip.replaced(text=clipped(f"point {found.point}: {found.trip.text}"))
-        )
+        text = "" if found is None else clipped(f"point {found.point}: {found.trip.text}")
+        yield found and found.trip.replaced(text=text)
 
 
 class _Walk:

@@ -15,15 +15,14 @@ from control.laws import LAWS
 from control.pose_path import PosePath
 from control.tcp_path import MOST_PATH_POINTS, TcpPath
 from forcemesh.bus import Reading
-from forcemesh.faults import refusal, refused
+from forcemesh.faults import tripped
 from forcemesh.force_task import AXIS_NAMES
-from forcemesh.messages import ArbiterStatus, Gains, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus, Gains, Trip, WrenchAtTcp
 from forcemesh.requests import (
     LARGEST_BETWEEN_RAD,
     ForceStartRequest,
     GainsRequest,
     PathRequest,
-    Reply,
 )
 from services.regulator.path_request import largest_turn
 from services.regulator.session import ForceOwner, ForceSession, active_commander
@@ -36,7 +35,7 @@ LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 
 
 def refused_start(
     request: ForceStartRequest, cell: CellConfig, arbiter: ArbiterStatus | None, worse: Reading[Any]
-) -> Reply | None:
+) -> Trip | None:
     """Return why force feedback cannot start, None when it can; `worse`: input with a fault."""
     largest_N = cell.force.setpoint_max_N
     if request.host not in cell.robot.hosts:
@@ -44,40 +43,40 @@ def refused_start(
             f"host {request.host} needs a cell with a controller that can run force feedback; "
             f"this cell offers {', '.join(cell.robot.hosts)}"
         )
-        return refusal("host", text)
+        return tripped("host", text)
     if request.host == "controller" and not all(request.axes):
-        return refusal("host", "axes: host controller cannot lock single axes, host pc can")
+        return tripped("host", "axes: host controller cannot lock single axes, host pc can")
     if request.task is not None and (text := task_mistake(request.task, request, cell)):
-        return refusal("malformed", text)
+        return tripped("malformed", text)
     law = request.law or cell.force.law
     if law not in LAWS:
-        return refusal("malformed", f"law: must be {' or '.join(LAWS)}, found {law!r}")
+        return tripped("malformed", f"law: must be {' or '.join(LAWS)}, found {law!r}")
     if request.host == "controller" and LAWS[law].guides:
-        return refusal("host", f"law {law}: host controller has no hand guiding, host pc has")
+        return tripped("host", f"law {law}: host controller has no hand guiding, host pc has")
     if LAWS[law].guides and request.setpoint_N > 0.0:
         text = f"law {law} needs set point 0"
-        return refusal("setpoint", text, value=request.setpoint_N, limit=0.0)
+        return tripped("setpoint", text, value=request.setpoint_N, limit=0.0)
     if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
-        return refusal("setpoint", text, value=request.setpoint_N, limit=largest_N)
+        return tripped("setpoint", text, value=request.setpoint_N, limit=largest_N)
     return _not_ready(arbiter, worse)
 
 
-def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Reply | None:
+def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Trip | None:
     """Return why nothing can start now, None when it can."""
     if arbiter is None or not arbiter.operational:
         state = "silent" if arbiter is None else arbiter.state
-        return refusal("not_armed", f"the arbiter is {state}: arm first")
+        return tripped("not_armed", f"the arbiter is {state}: arm first")
     if arbiter.armed_for != "all":
         purpose = "jog" if arbiter.armed_for == "jog" else "backing off"
-        return refusal("not_armed", f"armed for {purpose} alone: hold, then arm for all")
+        return tripped("not_armed", f"armed for {purpose} alone: hold, then arm for all")
     if commander := active_commander(arbiter):
         text = f"the {commander} commands the arm: wait for the move to end, or hold"
-        return refusal("busy", text)
-    return refusal(worse.code, worse.fault) if worse.fault else None
+        return tripped("busy", text)
+    return tripped(worse.code, worse.fault) if worse.fault else None
 
 
-def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Reply | None:
+def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Trip | None:
     """Return why a client may not change force control, None when it may.
 
     The owner may, and a higher rank, which then owns it. A session that failed has ended.
@@ -86,20 +85,20 @@ def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Reply | No
         return None
     if outranks(asker.commander, session.owner.commander):
         return None
-    return refusal("busy", f"force control belongs to the {session.owner}, not to the {asker}")
+    return tripped("busy", f"force control belongs to the {session.owner}, not to the {asker}")
 
 
-def refused_gains(request: GainsRequest, gains: Gains, cell: CellConfig) -> Reply | None:
+def refused_gains(request: GainsRequest, gains: Gains, cell: CellConfig) -> Trip | None:
     """Return why new gains are refused, None when they are not."""
     text = instability(cell, gains)
     return (
         None
         if not text or request.accept_unstable or not request.changes
-        else refusal("unstable_gains", text)
+        else tripped("unstable_gains", text)
     )
 
 
-def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
+def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Trip | None:
     """Return why a set point cannot be reached with these axes, None when it can.
 
     The set point acts along the tool's z axis. With that axis locked, the force is not controlled.
@@ -120,10 +119,10 @@ def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
         f"that may move ({named or 'none'}, frame {request.frame}) exclude it: free that axis, "
         "or use set point 0"
     )
-    return refusal("axes", text)
+    return tripped("axes", text)
 
 
-def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> Reply | None:
+def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> Trip | None:
     """Return why hand guiding or an admittance cannot start yet, None when it can.
 
     The effect of a wrong sign cannot be distinguished from a hand by the readings.
@@ -137,12 +136,12 @@ def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> 
         f"signs are not verified for calibration {wrench.calibration or 'none'}: run `forcemesh "
         "check axes`, or with --push"
     )
-    return refusal("axes_unproved", text)
+    return tripped("axes_unproved", text)
 
 
 def refused_path(
     request: PathRequest, session: ForceSession, poses: list[pin.SE3], cell: CellConfig
-) -> Reply | None:
+) -> Trip | None:
     """Return why a path cannot be followed, None when it can.
 
     Args:
@@ -153,50 +152,50 @@ def refused_path(
     """
     started = session.request
     if started.host != "pc":
-        return refusal("host", "host controller cannot follow a path, host pc can")
+        return tripped("host", "host controller cannot follow a path, host pc can")
     if request.points_m and LAWS[session.law].predicts and shares_path(session):
         text = (
             f"the {session.law} law would take the path for an external push and return: start "
             "force feedback in frame tool, with axes x and y held"
         )
-        return refusal("axes", text)
+        return tripped("axes", text)
     if request.speed_m_s > cell.force.speed_max_m_s:
         most_m_s = cell.force.speed_max_m_s
         text = "path speed above force.speed_max_m_s"
-        return refusal("setpoint", text, value=request.speed_m_s, limit=most_m_s)
+        return tripped("setpoint", text, value=request.speed_m_s, limit=most_m_s)
     before = session.path if request.append else None
     count = len(poses) + (0 if before is None else before.pending)
     if count > MOST_PATH_POINTS:
-        return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
+        return tripped("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
     return _refused_poses(request, session, poses) or _pose_outside(poses, cell)
 
 
 def _refused_poses(
     request: PathRequest, session: ForceSession, poses: list[pin.SE3]
-) -> Reply | None:
+) -> Trip | None:
     """Return why a path of poses cannot be followed by this task, None when it can."""
     if request.points_m and request.poses:
-        return refusal("setpoint", "a path has points or poses, not both")
+        return tripped("setpoint", "a path has points or poses, not both")
     before = session.path if request.append else None
     if not request.poses:
         if request.points_m and isinstance(before, PosePath):
-            return refusal("setpoint", "points cannot continue a path of poses: send poses")
+            return tripped("setpoint", "points cannot continue a path of poses: send poses")
         return None
     if isinstance(before, TcpPath):
-        return refusal("setpoint", "poses cannot continue a path of points: send points")
+        return tripped("setpoint", "poses cannot continue a path of points: send points")
     if all(session.goal.yields):
         text = (
             "the force controls every axis, none is left to a path of poses: start force feedback "
             "with axes held, such as --axes z=force:10"
         )
-        return refusal("axes", text)
+        return tripped("axes", text)
     T_base_tcp = session.motion.T_base_tcp
     T_from = T_base_tcp if before is None else before.end(T_base_tcp)
     number, turn_rad = largest_turn(T_from, poses)
     if turn_rad > LARGEST_BETWEEN_RAD:
         text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"
         limit = LARGEST_BETWEEN_RAD
-        return refusal("setpoint", text, value=turn_rad, limit=limit)
+        return tripped("setpoint", text, value=turn_rad, limit=limit)
     return None
 
 
@@ -213,11 +212,11 @@ def shares_path(session: ForceSession) -> bool:
     return bool(np.any(across[np.array(session.goal.yields)] > ACROSS))
 
 
-def _pose_outside(poses: list[pin.SE3], cell: CellConfig) -> Reply | None:
+def _pose_outside(poses: list[pin.SE3], cell: CellConfig) -> Trip | None:
     """Refuse a pose of the TCP outside the workspace."""
     limits = Limits.of(cell)
     for number, T_base_tcp in enumerate(poses, start=1):
         trip = check_workspace(limits, T_base_tcp)
         if trip is not None:
-            return refused(trip.replaced(text=f"point {number}: {trip.text}"))
+            return trip.replaced(text=f"point {number}: {trip.text}")
     return None

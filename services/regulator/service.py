@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
-from common.motion.joint_paths import tool_path_refusals
+from common.motion.joint_paths import tool_path_trips
 from common.motion.joint_space import JointSpace
 from control.adaptive import ContactStiffness
 from control.axis_task import AxisTask
@@ -39,7 +39,7 @@ from control.unverified_axes import YieldTravel
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
 from forcemesh.clock import NS_PER_S
-from forcemesh.faults import refusal
+from forcemesh.faults import refused, tripped
 from forcemesh.messages import (
     OPERATIONAL,
     ContactEvent,
@@ -79,7 +79,7 @@ OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequ
 
 STOPPED = "stopped"
 STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
-NOT_RUNNING = refusal("not_armed", "no force feedback is running: start it first")
+NOT_RUNNING = tripped("not_armed", "no force feedback is running: start it first")
 CHECKED_S = 0.0005  # of a period, for each sample of the check of a path
 LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
@@ -300,8 +300,8 @@ class Regulator:
         if is_free:
             return execute(incoming.request)
         asker = _asker(incoming)
-        if (reply := refused_owner(self._session, asker)) is not None:
-            return reply
+        if (trip := refused_owner(self._session, asker)) is not None:
+            return refused(trip)
         reply = execute(incoming.request)
         if reply.accepted and self._session is not None:
             self._session.owner = asker
@@ -309,8 +309,8 @@ class Regulator:
 
     def _change_gains(self, request: GainsRequest) -> Reply:
         gains = merged_gains(self._gains, request, self._cell)
-        if (refused := refused_gains(request, gains, self._cell)) is not None:
-            return refused
+        if (trip := refused_gains(request, gains, self._cell)) is not None:
+            return refused(trip)
         self._use_gains(gains)
         return Reply(accepted=True, text=instability(self._cell, gains))
 
@@ -333,19 +333,19 @@ class Regulator:
     ) -> Reply:
         cell, fresh, arbiter = self._cell, wrench.fresh, self._arbiter.read(self._now_ns).fresh
         worse: Reading[Any] = wrench if wrench.fault else robot
-        refused = refused_start(request, cell, arbiter, worse)
-        if refused is not None or robot.fresh is None or fresh is None or arbiter is None:
-            return refused or refusal(worse.code, worse.fault)
+        trip = refused_start(request, cell, arbiter, worse)
+        if trip is not None or robot.fresh is None or fresh is None or arbiter is None:
+            return refused(trip or tripped(worse.code, worse.fault))
         T_measured = pose_of(robot.fresh) * self._T_flange_tcp
         requested = request.law or cell.force.law
         goal = request_task(request, T_measured, cell, mounting_rad=fresh.mounting_rotation_rad)
-        refused = (
+        trip = (
             refused_task(request, cell, goal.R_base_task(T_measured.rotation.tolist()))
             or refused_axes(request, T_measured.rotation)
             or refused_guide(request, requested, fresh)
         )
-        if refused is not None:
-            return refused
+        if trip is not None:
+            return refused(trip)
         if request.preset is not None:
             self._use_gains(tune(cell, request.preset).gains)
         law = requested if LAWS[requested].covers(cell) else "plain"
@@ -398,21 +398,21 @@ class Regulator:
             if (path := next(self._paths.take_all(), None)) is None:
                 yield False
                 continue
-            refused = refused_owner(self._session, _asker(path))
-            for found in self._path_refusals(path.request) if refused is None else ():
-                if (refused := found) is not None:
+            trip = refused_owner(self._session, _asker(path))
+            for found in self._path_trips(path.request) if trip is None else ():
+                if (trip := found) is not None:
                     break
                 yield True
-            path.reply(refused or self._owned(path, self._follow_path))
+            path.reply(self._owned(path, self._follow_path) if trip is None else refused(trip))
             yield True
 
-    def _path_refusals(self, request: PathRequest) -> Iterator[Reply | None]:
+    def _path_trips(self, request: PathRequest) -> Iterator[Trip | None]:
         """Check a path: the request as a whole, then sample by sample whether the joints follow."""
         if (session := self._session) is None or session.failed is not None:
             return iter((NOT_RUNNING,))
         T_base_tcp = session.motion.T_base_tcp
         poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
-        joints = tool_path_refusals(
+        joints = tool_path_trips(
             self._space, poses, self._robot.read(self._now_ns).fresh,
             T_base_tcp if ahead is None else ahead.end(T_base_tcp),
             T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
@@ -421,11 +421,11 @@ class Regulator:
 
     def _follow_path(self, request: PathRequest) -> Reply:
         if (session := self._session) is None or session.failed is not None:
-            return NOT_RUNNING
+            return refused(NOT_RUNNING)
         T_base_tcp = session.motion.T_base_tcp
         poses = tool_poses(request, T_base_tcp)
-        if (refused := refused_path(request, session, poses, self._cell)) is not None:
-            return refused
+        if (trip := refused_path(request, session, poses, self._cell)) is not None:
+            return refused(trip)
         session.path = next_path(
             session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
             turns_frame=session.follows_tangent, predicts=LAWS[session.law].predicts,

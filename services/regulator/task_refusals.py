@@ -7,9 +7,10 @@ import numpy as np
 from common.config.cell import CellConfig
 from common.motion.frames import Rows
 from control.laws import LAWS
-from forcemesh.faults import refusal
+from forcemesh.faults import tripped
 from forcemesh.force_task import AXIS_NAMES
-from forcemesh.requests import ForceStartRequest, ForceTask, Reply, TaskAxis
+from forcemesh.messages import Trip
+from forcemesh.requests import ForceStartRequest, ForceTask, TaskAxis
 from services.regulator.task_request import complying
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
@@ -38,7 +39,7 @@ def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) 
     return ""
 
 
-def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_task: Rows) -> Reply | None:
+def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_task: Rows) -> Trip | None:
     """Return why the set points or the host of a task are refused, None when they are not.
 
     Args:
@@ -54,13 +55,13 @@ def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_task: Rows
     press_N, twist_Nm = (hypot(*(axis.setpoint for axis in group)) for group in halves(task))
     if press_N > largest_N:
         text = "force set point of the task above force.setpoint_max_N"
-        return refusal("setpoint", text, value=press_N, limit=largest_N)
+        return tripped("setpoint", text, value=press_N, limit=largest_N)
     if twist_Nm > largest_Nm:
         text = f"torque set point of the task above {TORQUE_SHARE:g} of limits.torque_Nm"
-        return refusal("setpoint", text, value=twist_Nm, limit=largest_Nm)
+        return tripped("setpoint", text, value=twist_Nm, limit=largest_Nm)
     if request.host == "controller":
         text = beyond_controller(task, R_base_task)
-        return refusal("host", f"{text}; host pc can") if text else None
+        return tripped("host", f"{text}; host pc can") if text else None
     return None
 
 

@@ -291,7 +291,7 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             noted.append(sample)
             yield None
 
-    monkeypatch.setattr(service, "tool_path_refusals", samples)
+    monkeypatch.setattr(service, "tool_path_trips", samples)
     return noted
 
 

@@ -13,7 +13,7 @@ from common.config.arm import read_arm
 from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array, moved
-from common.motion.joint_paths import move_obstacle, path_obstacle, tool_path_refusals
+from common.motion.joint_paths import move_obstacle, path_obstacle, tool_path_trips
 from common.motion.joint_space import JointSpace
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import Goal, RobotState
@@ -106,7 +106,7 @@ def test_a_tool_path_is_refused_with_the_number_of_its_point() -> None:
     near, far = (p + np.array(step) for step in ([0.05, 0.0, 0.0], [0.0, 0.9, 0.0]))
 
     def refusal(*points: Array, robot: RobotState | None = AT_HOME) -> str:
-        *_, reply = None, *tool_path_refusals(
+        *_, reply = None, *tool_path_trips(
             SPACE,
             [pin.SE3(T_tcp.rotation, point) for point in points],
             robot,

@@ -115,7 +115,7 @@ def tool_path_trips(
     T_tcp_flange: pin.SE3,
     speed_m_s: float,
 ) -> Iterator[Trip | None]:
-    """Check whether the joints can follow a path of the tool: `path_samples`, its text has the point.
+    """Check whether the joints can follow a path of the tool; the text names the point.
 
     Args:
         space: Joint space of the arm.

@@ -109,7 +109,7 @@ class WrenchService:
         if fault == NO_FAULT and no_pose:
             fault = self._pose_fault(robot)
         if fault != NO_FAULT:  # it is held until every reader must have received it
-            waited_for = fault.code == "missing"
+            waited_for = "missing" in (sensor.code, fault.code)
             self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
         if fault != NO_FAULT or now_ns >= self._fault_until_ns:
             self._fault, self.fault = fault, fault.text

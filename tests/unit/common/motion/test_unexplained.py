@@ -10,11 +10,11 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import rotation_from_vector
 from common.motion.unexplained import (
-    REPORTS,
     REST_POSITION_M,
     RUN_OUT_S,
     ARM_STIFFNESS_N_m,
     UnexplainedMotion,
+    reach_of,
     rest_bounds,
 )
 from forcemesh.clock import NS_PER_S
@@ -39,12 +39,13 @@ class Reported:
 
     def __init__(self, cell: CellConfig = CELL) -> None:
         self.monitor, self.at_ns = UnexplainedMotion(cell), 0
+        self.period_s = 1.0 / cell.rates.robot_hz
 
     def report(self, T: pin.SE3, times: int = 1) -> Trip | None:
         """Report a pose; return the last verdict."""
         trip = None
         for _ in range(times):
-            self.at_ns += round(REPORT_S * NS_PER_S)
+            self.at_ns += round(self.period_s * NS_PER_S)
             trip = self.monitor.judge(T, self.at_ns)
         return trip
 
@@ -98,15 +99,15 @@ def test_the_bounds(kind: int, share: float, is_found: bool) -> None:
     assert (Reported().rest(pose()).report(there, 10) is not None) == is_found
 
 
-def test_as_many_reports_in_a_row_decide_and_a_repeated_one_is_one() -> None:
+def test_three_reports_in_a_row_decide_and_a_repeated_one_is_one() -> None:
     """One outlier is none; a motion that was found stays until something explains it."""
     far = pose(2.0 * X_M)
     reported = Reported().rest(pose())
     for _ in range(3):
-        assert reported.report(far, REPORTS - 1) is None
+        assert reported.report(far, 2) is None
         assert reported.monitor.judge(far, reported.at_ns) is None
         assert reported.report(pose()) is None
-    assert reported.report(far, REPORTS) is not None
+    assert reported.report(far, 3) is not None
     assert reported.report(pose(), 10) is not None
     reported.monitor.explain()
     assert reported.rest(far).report(far, 10) is None
@@ -131,3 +132,43 @@ def test_the_bounds_follow_from_the_cell() -> None:
     whole = plain_cell(**{f"gateway.plain.{name}": 1 for name in names})
     assert rest_bounds(fine).position_m < X_M < rest_bounds(whole).position_m < 6e-3
     assert rest_bounds(fine).rotation_rad < Y_RAD < rest_bounds(whole).rotation_rad < 0.1
+
+
+def test_the_bounds_by_hand() -> None:
+    """2 (0.5 + 0.2 + 60 N / 1e5 N/m) mm, and 2 (3 + 2 + (10 + 0.3 * 60) N m / 1e4 N m/rad) mrad."""
+    cell = load_cell(DEMO, {"limits.force_N": 60.0, "limits.torque_Nm": 10.0})
+    assert rest_bounds(cell) == pytest.approx((2.6e-3, 15.6e-3))
+
+
+@pytest.mark.parametrize(("oat", "joint"), [(2, 50), (50, 2)])
+def test_the_coarser_angle_decides_how_near_a_goal_must_come(oat: int, joint: int) -> None:
+    """1.75 units of half a degree."""
+    cell = plain_cell(**{"gateway.plain.oat_per_deg": oat, "gateway.plain.joint_per_deg": joint})
+    assert cell.gateway is not None
+    assert reach_of(cell.gateway.plain).rotation_rad == pytest.approx(np.radians(1.75 / 2))
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "lag_s", "robot_hz", "rests_s"),
+    [(0.02, 0.01, 250.0, 0.372), (0.1, 0.05, 100.0, 0.63), (0.0, 0.02, 50.0, 0.4)],
+)
+def test_a_pose_counts_as_rest_after_its_time(delay_s, lag_s, robot_hz, rests_s) -> None:
+    """0.3 s, twice delay and lag, and three reports at one pose; whoever left before has none."""
+    values = {"robot.delay_s": delay_s, "robot.lag_s": lag_s, "rates.robot_hz": robot_hz}
+    cell = load_cell(DEMO, values)
+
+    def finds(after_s: float) -> bool:
+        reported = Reported(cell)
+        assert reported.report(pose(), 1 + round(after_s * robot_hz)) is None
+        return reported.report(pose(2.0 * X_M), 3) is not None
+
+    assert finds(rests_s + 2.0 / robot_hz)
+    assert not finds(rests_s - 2.0 / robot_hz)
+
+
+def test_a_creeping_arm_has_rested_after_three_seconds() -> None:
+    """From then on its travel counts: it is found X later."""
+    reported, step_m, number = Reported(), 1.5 * REST_POSITION_M, 0
+    while reported.report(pose(number * step_m)) is None:
+        number += 1
+    assert number * REPORT_S == pytest.approx(3.0 + (X_M / step_m + 3.0) * REPORT_S, abs=0.02)

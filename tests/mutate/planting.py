@@ -23,6 +23,8 @@ from tests.mutate.reached import OPTIONS
 from tools.tree import ROOT
 
 MUTANTS = ("-p", "no:xdist", "--hypothesis-profile", "mutants")
+NOT_IMPORTED = "what all tests need cannot be imported"
+RAN = (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED)
 SURPLUS_S, TIMES_LONGER = 10.0, 6.0  # a test that takes longer than both together hangs
 
 
@@ -199,4 +201,6 @@ class NewProcess:
             file.write("\n".join(self.took_s))
             file.flush()
             options = [*OPTIONS, *MUTANTS, *([] if self.every else ["-x"]), f"@{file.name}"]
-            pytest.main(options, plugins=[Kills(write, self.took_s)])
+            ended = pytest.main(options, plugins=[Kills(write, self.took_s)])
+        if ended not in RAN:
+            os.write(write, f"{NOT_IMPORTED}\n".encode())

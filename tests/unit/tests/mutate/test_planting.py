@@ -91,3 +91,13 @@ def test_a_changed_program_is_what_tests_load() -> None:
 
     assert text != TEXT
     assert in_child(is_loaded)
+
+
+def test_a_module_that_cannot_be_imported_is_detected() -> None:
+    """Although no test runs: what pytest imports first may need it."""
+    read, write = os.pipe()
+    test = "tests/unit/controller/test_packet.py"
+    planting.NewProcess("controller.packet", "b'' - b''\n", {test: 1.0}, every=False).run(write)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        assert pipe.read() != ""

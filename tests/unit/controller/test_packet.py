@@ -60,6 +60,7 @@ def test_the_characters_are_those_of_the_specification() -> None:
     assert encode(SAMPLE) == (
         b"500123 000001 000000 -00123 499999 -99999 000000 045000 -00001 "
     )  # fmt: skip
+    assert encode(Packet(ID_FIRST, Com.HEARTBEAT)) == b"500000 000012 " + 7 * b"000000 "
 
 
 def test_a_packet_is_taken_with_its_last_character() -> None:

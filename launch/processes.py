@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -95,7 +95,9 @@ class Supervisor:
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
-        self._restarter: Restarter | None = None
+        policy = RestartPolicy(max(RESTART_PAUSE_S, cell.stale_after_s(topics.ROBOT_COMMAND)))
+        self._restarter = Restarter(self._start_again, self._hold, write_line, policy)
+        self._is_restarting = False
 
     # --- start and stop ---------------------------------------------------------------------------
 
@@ -140,10 +142,12 @@ class Supervisor:
         self._stopping.set()
         self._exits.close()
         hubs = [running for running in self._running if "hub" in running.process.roles]
-        others = [running for running in self._running if running not in hubs]
+        helpers = [running for running in self._running if running.process.is_helper]
+        others = [running for running in self._running if running not in (*hubs, *helpers)]
         give_up_s = time.monotonic() + STOP_WITHIN_S
         _end_all(others, give_up_s - HUB_LAST_S)
         _end_all(hubs, give_up_s)
+        _end_all(helpers, time.monotonic() + STOP_WITHIN_S)
         if self._watcher.is_alive():
             self._watcher.join()
         self.log.close(keep=bool(self.died))
@@ -175,16 +179,19 @@ class Supervisor:
 
     def enable_restarts(self) -> None:
         """Restart what dies from now on, in `update`: the cell was ready once."""
-        policy = RestartPolicy(max(RESTART_PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
-        self._restarter = Restarter(self._start_again, self._hold, self._write_line, policy)
+        self._is_restarting = True
+
+    def start_helpers(self, names: Iterable[str]) -> None:
+        """Start panel or helpers, which are restarted in `restart_exited` and end last."""
+        for name in names:
+            self.begin(ProcessSpec(f"services.{name}", (name,), is_helper=True))
 
     def restart_exited(self) -> None:
         """Restart what has died; to be called often, by the thread that entered.
 
         A process that is given up is in `died` from then on, and the others stay up.
         """
-        if self._restarter is not None:
-            self.died += self._restarter.update(time.monotonic())
+        self.died += self._restarter.update(time.monotonic())
 
     def hold_after_death(self, linger_s: float | None) -> None:
         """After a death: request a hold, and keep the rest up so that status can be used.
@@ -196,7 +203,7 @@ class Supervisor:
             time.sleep(WATCH_S)
         self._write_line("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
         if linger_s is None:
-            linger_s = LINGER_S if self._restarter is None else math.inf
+            linger_s = math.inf if self._is_restarting else LINGER_S
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
             self._write_line("up", f"the others stay up {until}: see `forcemesh status`")
@@ -263,10 +270,10 @@ class Supervisor:
                 reported_pids.add(running.pid)
                 self.log.add_exit(died)
                 self._write_line("up", f"died: {died}")
-                if self._restarter is None:
-                    self.died.append(died)
-                else:
+                if self._is_restarting or died.process.is_helper:
                     self._restarter.add(died)
+                else:
+                    self.died.append(died)
 
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""

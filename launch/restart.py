@@ -12,6 +12,7 @@ from launch.started_process import ProcessExit, WriteLine
 
 DEATH_LIMIT, DEATH_WINDOW_S = 5, 60.0  # deaths of one process until it is given up
 RESTART_PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
+CANNOT_RUN_CODE = 2  # exit code of a process that has reported why it cannot run
 REARM_STEP = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 
 
@@ -60,14 +61,20 @@ class Restarter:
         self._new_exits.append(died)
 
     def update(self, now_s: float) -> list[ProcessExit]:
-        """Hold the arm for new deaths, restart what is due; return what is given up."""
+        """Hold the arm for new deaths, restart what is due; return what is given up.
+
+        The cell continues without a helper.
+        """
         given_up = []
         new_exits = [self._new_exits.popleft() for _ in range(len(self._new_exits))]
-        if new_exits:
-            self.write_line("up", self.hold("; ".join(f"died: {died}" for died in new_exits)))
+        if of_the_cell := [died for died in new_exits if not died.process.is_helper]:
+            self.write_line("up", self.hold("; ".join(f"died: {died}" for died in of_the_cell)))
         for died in new_exits:
             due_s = self.policy.restart_time_s(died.process.name, now_s)
-            if due_s is None:
+            if died.process.is_helper and (due_s is None or died.code == CANNOT_RUN_CODE):
+                text = f"{died.process.name} is not running: {died.cause}"
+                self.write_line("up", f"{text}; the cell continues without it")
+            elif due_s is None:
                 self.write_line("up", given_up_text(died))
                 given_up.append(died)
             else:
@@ -80,7 +87,8 @@ class Restarter:
             self.write_line(
                 "up",
                 f"{died.process.name} restarted (pid {pid}, death {times}; after "
-                f"{DEATH_LIMIT} within {DEATH_WINDOW_S:g} s it is given up); {REARM_STEP}",
+                f"{DEATH_LIMIT} within {DEATH_WINDOW_S:g} s it is given up)"
+                + ("" if died.process.is_helper else f"; {REARM_STEP}"),
             )
         return given_up
 

@@ -82,9 +82,8 @@ class RunLog:
         """Begin a run; nothing is written before the first process."""
         self._run = new_run(cell, cell_file)
         self._lock = threading.Lock()
-        self._closed = False
 
-    def add_process(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
+    def add_process(self, process: ProcessSpec, pid: int) -> None:
         """Add a process; a restarted one replaces the one that died."""
         old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
         before = () if old is None or old.ended is None else (*old.deaths, old.ended)
@@ -93,7 +92,7 @@ class RunLog:
             module=process.module,
             pid=pid,
             started_ticks=start_ticks(pid),
-            is_helper=is_helper,
+            is_helper=process.is_helper,
             deaths=before[-MOST_DEATHS:],
         )
         with self._lock:
@@ -124,11 +123,8 @@ class RunLog:
                 self._put(ended_at=now())
             else:
                 remove_run(self._run)
-            self._closed = True
 
     def _put(self, **update: object) -> None:
-        if self._closed:  # a sidecar may end after the cell
-            return
         self._run = self._run.model_copy(update=update)
         with suppress(
             OSError, DataError

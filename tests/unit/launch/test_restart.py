@@ -112,3 +112,17 @@ def test_after_repeated_exits_restarting_stops_with_one_message() -> None:
         "wrench died 5 times within 60 s and is not restarted; the arm stays held. Last: "
         "killed by SIGKILL. Remove the cause, stop this with Ctrl-C, and restart `forcemesh up`"
     )
+
+
+def test_a_helper_that_dies_holds_nothing_and_the_cell_continues_without_it() -> None:
+    """It is restarted like the others, but not when it has reported why it cannot run."""
+    world = World()
+    panel = ProcessSpec("services.panel", ("panel",), is_helper=True)
+    world.restarter.add(killed(panel))
+    world.restarter.update(0.0)
+    world.restarter.update(RESTART_PAUSE_S)
+    assert world.log[0] == "start panel for 1"
+    assert "clear" not in world.log[1]
+    world.restarter.add(ProcessExit(panel, 2, 2))
+    assert world.restarter.update(RESTART_PAUSE_S) == []
+    assert world.log[2:] == ["panel is not running: exit code 2; the cell continues without it"]

@@ -35,7 +35,7 @@ from launch.started_process import (
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
-WATCH_S = 0.02
+SUPERVISOR_POLL_S = 0.05
 # Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
 HUB_SLOW_S = 10.0
@@ -68,7 +68,8 @@ def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
 class Supervisor:
     """Supervisor of a cell: starts the processes, detects deaths, stops all; a context manager.
 
-    Enter it in a thread that lives as long as the cell: the processes die with that thread.
+    Used in one thread, which lives as long as the cell: the processes die with it. Deaths are
+    detected in `died` and `restart_exited`, to be read often.
     """
 
     def __init__(
@@ -81,7 +82,9 @@ class Supervisor:
         write_line: WriteLine = write_stderr_line,
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
-        self.died: list[ProcessExit] = []
+        self._died: list[ProcessExit] = []
+        self._to_restart: list[ProcessExit] = []
+        self._reported_pids: set[int] = set()
         self.cell_file = (cell_file or writable_folder() / f"{cell.cell}.yaml").resolve()
         self.log = RunLog(cell, self.cell_file)
         self._cell = cell
@@ -90,8 +93,7 @@ class Supervisor:
         self._stop = stop or StopSignal()
         self._write_line = write_line
         self._running: list[ChildProcess] = []
-        self._stopping = threading.Event()
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._is_stopped = False
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
@@ -118,7 +120,6 @@ class Supervisor:
         write_program(self._cell)
         self._stop_on_sigterm()
         try:
-            self._watcher.start()
             for process in self._processes:
                 self._raise_death()
                 pid = self.begin(process)
@@ -135,11 +136,12 @@ class Supervisor:
 
     def stop(self) -> None:
         """Hold the arm if it may move, end every process, keep the run file only after a death."""
-        if self._stopping.is_set():
+        if self._is_stopped:
             return
+        self._note_exits()
         if self._last_state() in MAY_MOVE and not self._has_exited("hub", "arbiter"):
             self._hold("the cell is being stopped")
-        self._stopping.set()
+        self._is_stopped = True
         self._exits.close()
         hubs = [running for running in self._running if "hub" in running.process.roles]
         helpers = [running for running in self._running if running.process.is_helper]
@@ -148,11 +150,15 @@ class Supervisor:
         _end_all(others, give_up_s - HUB_LAST_S)
         _end_all(hubs, give_up_s)
         _end_all(helpers, time.monotonic() + STOP_WITHIN_S)
-        if self._watcher.is_alive():
-            self._watcher.join()
-        self.log.close(keep=bool(self.died))
+        self.log.close(keep=bool(self._died))
 
     # --- while it is up ---------------------------------------------------------------------------
+
+    @property
+    def died(self) -> list[ProcessExit]:
+        """Processes that have died until now and are not restarted; no helpers."""
+        self._note_exits()
+        return self._died
 
     def missing(self) -> list[str]:
         """Return why the cell is not ready, and record the arbiter's state."""
@@ -187,28 +193,32 @@ class Supervisor:
             self.begin(ProcessSpec(f"services.{name}", (name,), is_helper=True))
 
     def restart_exited(self) -> None:
-        """Restart what has died; to be called often, by the thread that entered.
+        """Restart what has died; to be called often.
 
         A process that is given up is in `died` from then on, and the others stay up.
         """
-        self.died += self._restarter.update(time.monotonic())
+        self._note_exits()
+        new, self._to_restart = self._to_restart, []
+        self._died += self._restarter.update(time.monotonic(), new)
 
     def hold_after_death(self, linger_s: float | None) -> None:
         """After a death: request a hold, and keep the rest up so that status can be used.
 
         Without a time they stay up until this is stopped, if the cell was ready once.
         """
-        give_up_s = time.monotonic() + 5 * WATCH_S
+        give_up_s = time.monotonic() + 2 * SUPERVISOR_POLL_S
         while not self.died and time.monotonic() < give_up_s:
-            time.sleep(WATCH_S)
+            time.sleep(HEALTH_POLL_S)
         self._write_line("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
         if linger_s is None:
             linger_s = math.inf if self._is_restarting else LINGER_S
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
             self._write_line("up", f"the others stay up {until}: see `forcemesh status`")
+            give_up_s = time.monotonic() + linger_s
             with suppress(KeyboardInterrupt):  # ends the waiting; the failure is still reported
-                self._stop.wait(None if math.isinf(linger_s) else linger_s)
+                while not self._stop.wait(SUPERVISOR_POLL_S) and time.monotonic() < give_up_s:
+                    self.restart_exited()
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -259,21 +269,21 @@ class Supervisor:
                 )
             time.sleep(HEALTH_POLL_S)
 
-    def _watch(self) -> None:
-        """Detect deaths; runs in its own thread until the cell is stopped."""
-        reported_pids: set[int] = set()
-        while not self._stopping.wait(WATCH_S):
-            for running in self._running:
-                died = None if running.pid in reported_pids else running.ended()
-                if died is None or self._stopping.is_set():
-                    continue
-                reported_pids.add(running.pid)
-                self.log.add_exit(died)
-                self._write_line("up", f"died: {died}")
-                if self._is_restarting or died.process.is_helper:
-                    self._restarter.add(died)
-                else:
-                    self.died.append(died)
+    def _note_exits(self) -> None:
+        """Record and report new deaths, until the cell is stopped."""
+        if self._is_stopped:
+            return
+        for running in self._running:
+            died = None if running.pid in self._reported_pids else running.ended()
+            if died is None:
+                continue
+            self._reported_pids.add(running.pid)
+            self.log.add_exit(died)
+            self._write_line("up", f"died: {died}")
+            if self._is_restarting or died.process.is_helper:
+                self._to_restart.append(died)
+            else:
+                self._died.append(died)
 
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""

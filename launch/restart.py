@@ -5,7 +5,7 @@ repeatedly is not restarted any more: its cause persists.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from launch.started_process import ProcessExit, WriteLine
@@ -44,29 +44,20 @@ class RestartPolicy:
 
 @dataclass(slots=True)
 class Restarter:
-    """Restarts of the processes of a cell; for the thread that starts them.
-
-    The watching thread reports deaths with `add`.
-    """
+    """Restarts of the processes of a cell."""
 
     start: Callable[[ProcessExit], int]  # in place of one that died; returns the pid
     hold: Callable[[str], str]
     write_line: WriteLine
     policy: RestartPolicy = field(default_factory=RestartPolicy)
-    _new_exits: deque[ProcessExit] = field(default_factory=deque)
     _waiting: list[tuple[float, ProcessExit]] = field(default_factory=list)
 
-    def add(self, died: ProcessExit) -> None:
-        """Queue a death."""
-        self._new_exits.append(died)
-
-    def update(self, now_s: float) -> list[ProcessExit]:
+    def update(self, now_s: float, new_exits: Sequence[ProcessExit] = ()) -> list[ProcessExit]:
         """Hold the arm for new deaths, restart what is due; return what is given up.
 
         The cell continues without a helper.
         """
         given_up = []
-        new_exits = [self._new_exits.popleft() for _ in range(len(self._new_exits))]
         if of_the_cell := [died for died in new_exits if not died.process.is_helper]:
             self.write_line("up", self.hold("; ".join(f"died: {died}" for died in of_the_cell)))
         for died in new_exits:

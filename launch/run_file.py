@@ -8,7 +8,6 @@ used. The file is removed when a cell ends normally, and kept after a death.
 import os
 import stat
 import tempfile
-import threading
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -76,12 +75,11 @@ class Run(BaseModel):
 
 
 class RunLog:
-    """Writer of the run file; writes every change at once, thread-safe."""
+    """Writer of the run file; writes every change at once."""
 
     def __init__(self, cell: "CellConfig", cell_file: Path) -> None:
         """Begin a run; nothing is written before the first process."""
         self._run = new_run(cell, cell_file)
-        self._lock = threading.Lock()
 
     def add_process(self, process: ProcessSpec, pid: int) -> None:
         """Add a process; a restarted one replaces the one that died."""
@@ -95,34 +93,30 @@ class RunLog:
             is_helper=process.is_helper,
             deaths=before[-MOST_DEATHS:],
         )
-        with self._lock:
-            rest = [each for each in self._run.processes if each is not old]
-            self._put(processes=[*rest, entry])
+        rest = [each for each in self._run.processes if each is not old]
+        self._put(processes=[*rest, entry])
 
     def add_exit(self, died: ProcessExit) -> None:
         """Record how a process ended."""
         end = ExitRecord(code=died.code, how=died.cause, at=now())
-        with self._lock:
-            self._put(
-                processes=[
-                    entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
-                    for entry in self._run.processes
-                ]
-            )
+        self._put(
+            processes=[
+                entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
+                for entry in self._run.processes
+            ]
+        )
 
     def set_state(self, state: str) -> None:
         """Record a change of the arbiter's state."""
-        with self._lock:
-            if state != self._run.last_state:
-                self._put(last_state=state)
+        if state != self._run.last_state:
+            self._put(last_state=state)
 
     def close(self, *, keep: bool) -> None:
         """End the run: remove its file, or keep it as a record of deaths."""
-        with self._lock:
-            if keep:
-                self._put(ended_at=now())
-            else:
-                remove_run(self._run)
+        if keep:
+            self._put(ended_at=now())
+        else:
+            remove_run(self._run)
 
     def _put(self, **update: object) -> None:
         self._run = self._run.model_copy(update=update)

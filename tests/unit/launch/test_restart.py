@@ -85,8 +85,7 @@ class World:
 def test_the_hold_precedes_the_restart_and_the_message_gives_the_next_step() -> None:
     """The restart waits for its pause; messages give the process, the cause and the next step."""
     world = World()
-    world.restarter.add(killed())
-    assert world.restarter.update(10.0) == []
+    assert world.restarter.update(10.0, [killed()]) == []
     assert "killed by SIGKILL" in world.log[0]
     assert world.log[0].startswith("hold: died: wrench")
     world.restarter.update(10.0 + 0.9 * RESTART_PAUSE_S)
@@ -103,8 +102,7 @@ def test_after_repeated_exits_restarting_stops_with_one_message() -> None:
     world, now_s = World(), 0.0
     given_up: list[ProcessExit] = []
     while not given_up:
-        world.restarter.add(killed())
-        given_up = world.restarter.update(now_s)
+        given_up = world.restarter.update(now_s, [killed()])
         world.restarter.update(now_s := now_s + 5.0)
     assert sum(line.startswith("hold") for line in world.log) == DEATH_LIMIT
     assert sum(line.startswith("start") for line in world.log) == DEATH_LIMIT - 1
@@ -118,11 +116,9 @@ def test_a_helper_that_dies_holds_nothing_and_the_cell_continues_without_it() ->
     """It is restarted like the others, but not when it has reported why it cannot run."""
     world = World()
     panel = ProcessSpec("services.panel", ("panel",), is_helper=True)
-    world.restarter.add(killed(panel))
-    world.restarter.update(0.0)
+    world.restarter.update(0.0, [killed(panel)])
     world.restarter.update(RESTART_PAUSE_S)
     assert world.log[0] == "start panel for 1"
     assert "clear" not in world.log[1]
-    world.restarter.add(ProcessExit(panel, 2, 2))
-    assert world.restarter.update(RESTART_PAUSE_S) == []
+    assert world.restarter.update(RESTART_PAUSE_S, [ProcessExit(panel, 2, 2)]) == []
     assert world.log[2:] == ["panel is not running: exit code 2; the cell continues without it"]

@@ -22,8 +22,8 @@ from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import CellView
 from launch.controller_program import program_file, write_program
-from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
-from launch.run_file import RunLog, read_run, writable_folder, write_atomically
+from launch.restart import RESTART_PAUSE_S, Restarter
+from launch.run_file import new_run, read_run, writable_folder, write_atomically
 from launch.started_process import (
     ChildProcess,
     ProcessExit,
@@ -86,7 +86,7 @@ class Supervisor:
         self._to_restart: list[ProcessExit] = []
         self._reported_pids: set[int] = set()
         self.cell_file = (cell_file or writable_folder() / f"{cell.cell}.yaml").resolve()
-        self.log = RunLog(cell, self.cell_file)
+        self.run = new_run(cell, self.cell_file)
         self._cell = cell
         self._is_file_generated = cell_file is None
         self._processes = processes_of(cell) if processes is None else tuple(processes)
@@ -97,8 +97,8 @@ class Supervisor:
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
-        policy = RestartPolicy(max(RESTART_PAUSE_S, cell.stale_after_s(topics.ROBOT_COMMAND)))
-        self._restarter = Restarter(self._start_again, self._hold, write_line, policy)
+        pause_s = max(RESTART_PAUSE_S, cell.stale_after_s(topics.ROBOT_COMMAND))
+        self._restarter = Restarter(self._start_again, self._hold, write_line, pause_s)
         self._is_restarting = False
 
     # --- start and stop ---------------------------------------------------------------------------
@@ -150,7 +150,10 @@ class Supervisor:
         _end_all(others, give_up_s - HUB_LAST_S)
         _end_all(hubs, give_up_s)
         _end_all(helpers, time.monotonic() + STOP_WITHIN_S)
-        self.log.close(keep=bool(self._died))
+        if self._died:
+            self.run.end()
+        else:
+            self.run.remove()
 
     # --- while it is up ---------------------------------------------------------------------------
 
@@ -232,7 +235,7 @@ class Supervisor:
     def begin(self, process: ProcessSpec) -> int:
         """Start a process; return its pid."""
         running = ChildProcess(process, self.cell_file, self._write_line)
-        self.log.add_process(process, running.pid)
+        self.run.add_process(process, running.pid)
         self._running = [*self._running, running]
         return running.pid
 
@@ -278,7 +281,7 @@ class Supervisor:
             if died is None:
                 continue
             self._reported_pids.add(running.pid)
-            self.log.add_exit(died)
+            self.run.add_exit(died)
             self._write_line("up", f"died: {died}")
             if self._is_restarting or died.process.is_helper:
                 self._to_restart.append(died)
@@ -288,7 +291,7 @@ class Supervisor:
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
-            self.log.set_state(status.state)
+            self.run.set_state(status.state)
             return status.state
         return ""
 

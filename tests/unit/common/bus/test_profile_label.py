@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -37,61 +37,46 @@ RUN = "import sys; from pathlib import Path; from common.bus.profile_label impor
 RUN += "sys.exit(main(sys.argv[2:], Path(sys.argv[1])))"
 
 
-@pytest.fixture
-def exits() -> Iterator[ExitStack]:
-    """End what a test has started."""
-    with ExitStack() as stack:
-        yield stack
-
-
-def test_the_first_profile_stays_and_a_second_one_is_refused(
-    tmp_path: Path, exits: ExitStack
-) -> None:
-    """Another profile or file is told what is in use, and what to do; it may stay to wait."""
-    running = exits.enter_context(hold(tmp_path, "emulated", "w"))
-    assert put(tmp_path, "emulated", EMULATED) == ""
-    assert (tmp_path / LABEL).resolve() == EMULATED
-    refused = put(tmp_path, "real", DEMO)
-    assert refused == (
-        f"the profile emulated is in use with {EMULATED}, and a cell has only one profile and "
-        "file: first `docker compose --profile emulated down`, or remove this one: "
-        "`docker compose --profile real rm -s -f real-cell`"
-    )
-    assert "a cell has only one profile and file" in put(tmp_path, "emulated", DEMO)
-    assert put(tmp_path, "emulated", EMULATED) == ""  # started anew
-    assert (in_use(tmp_path), (tmp_path / LABEL).resolve()) == ("emulated", EMULATED)
-    running.close()
+def test_the_first_profile_stays_and_a_second_one_is_refused(tmp_path: Path) -> None:
+    """Another profile or file is told what is in use, and what to do, while a process runs."""
+    with hold(tmp_path, "emulated", "w"):
+        assert put(tmp_path, "emulated", EMULATED) == ""
+        assert put(tmp_path, "real", DEMO) == (
+            f"the profile emulated is in use with {EMULATED}, and a cell has only one profile and "
+            "file: first `docker compose --profile emulated down`, or remove this one: "
+            "`docker compose --profile real rm -s -f real-cell`"
+        )
+        assert "a cell has only one profile and file" in put(tmp_path, "emulated", DEMO)
+        assert put(tmp_path, "emulated", EMULATED) == ""  # started anew
+        assert (tmp_path / LABEL).resolve() == EMULATED
     put(tmp_path, "sim", DEMO)
     assert (in_use(tmp_path), (tmp_path / LABEL).resolve()) == ("sim", DEMO)
 
 
 @pytest.mark.parametrize("order", [("sim", "emulated"), ("emulated", "sim")])
-def test_the_simulation_is_replaced_in_either_order(
-    tmp_path: Path, order: list[str], exits: ExitStack
-) -> None:
+def test_the_simulation_is_replaced_in_either_order(tmp_path: Path, order: list[str]) -> None:
     """Compose starts its containers with every profile, in any order."""
-    files = {"sim": DEMO, "emulated": EMULATED}
-    for profile in order:
-        exits.enter_context(hold(tmp_path, profile, "w"))
-        put(tmp_path, profile, files[profile])
-    assert (in_use(tmp_path), (tmp_path / LABEL).resolve()) == ("emulated", EMULATED)
-    standby = put(tmp_path, "sim", DEMO)
-    assert standby.startswith("on standby: the profile emulated replaces the simulation")
+    with hold(tmp_path, "sim", "w"), hold(tmp_path, "emulated", "w"):
+        for profile in order:
+            put(tmp_path, profile, CELLS / FILE_OF[profile])
+        assert (in_use(tmp_path), (tmp_path / LABEL).resolve()) == ("emulated", EMULATED)
+        standby = put(tmp_path, "sim", DEMO)
+        assert standby.startswith("on standby: the profile emulated replaces the simulation")
 
 
 def test_a_profile_with_a_mistake_leaves_nothing_running(
-    tmp_path: Path, exits: ExitStack, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It replaces the simulation, yet leads to no file until the mistake is corrected."""
     put(tmp_path, "sim", DEMO)
-    exits.enter_context(hold(tmp_path, "real", "w"))
-    assert "needs FORCEMESH_PKI" in put(tmp_path, "real", EMULATED)
-    assert in_use(tmp_path) == "real"
-    assert not (tmp_path / LABEL).exists()
-    assert "the profile real is in use" in put(tmp_path, "emulated", EMULATED)
-    monkeypatch.setattr(profile_label, "problem_with", lambda *_: "")
-    assert put(tmp_path, "real", EMULATED) == ""
-    assert (tmp_path / LABEL).resolve() == EMULATED
+    with hold(tmp_path, "real", "w"):
+        assert "needs FORCEMESH_PKI" in put(tmp_path, "real", EMULATED)
+        assert in_use(tmp_path) == "real"
+        assert not (tmp_path / LABEL).exists()
+        assert "the profile real is in use" in put(tmp_path, "emulated", EMULATED)
+        monkeypatch.setattr(profile_label, "problem_with", lambda *_: "")
+        assert put(tmp_path, "real", EMULATED) == ""
+        assert (tmp_path / LABEL).resolve() == EMULATED
 
 
 def start(folder: Path, exits: ExitStack, *words: str) -> subprocess.Popen[str]:
@@ -113,34 +98,33 @@ def first_line(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline().strip()
 
 
-def health(folder: Path, profile: str) -> str:
+def health(path: Path) -> str:
     """Return the fault that a waiting process reports, after the seconds since boot."""
-    path = folder / f"alive-{profile}"
     clock = MonotonicClock()
     wait_until(clock, lambda: path.exists() and path.read_text(), within_s=10.0, poll_s=0.01)
     return path.read_text("ascii").strip().partition(" ")[2]
 
 
-def test_a_process_runs_while_its_profile_is_in_use(tmp_path: Path, exits: ExitStack) -> None:
+def test_a_process_runs_while_its_profile_is_in_use(tmp_path: Path) -> None:
     """It waits for a label of its own profiles, and ends with the label or with its container."""
-    keeper = exits.enter_context(hold(tmp_path, "sim", "w"))
-    put(tmp_path, "sim", DEMO)
-    simulation, hub = start(tmp_path, exits, "sim"), start(tmp_path, exits)
-    emulated = start(tmp_path, exits, "emulated")
-    assert [first_line(simulation), first_line(hub)] == ["sim", "sim"]
-    assert health(tmp_path, "emulated") == WAITS
-    keeper.close()
-    assert is_held(tmp_path, "sim")  # by the running processes
-    exits.enter_context(hold(tmp_path, "emulated", "w"))
-    put(tmp_path, "emulated", EMULATED)
-    assert all(each.wait(10.0) for each in (simulation, hub))  # the engine starts them again
-    assert not is_held(tmp_path, "sim")
-    assert first_line(emulated) == "emulated"
-    emulated.terminate()
-    assert emulated.wait(10.0)
-    (tmp_path / "alive-sim").unlink()
-    assert start(tmp_path, exits, "sim").poll() is None
-    assert health(tmp_path, "sim") == ""  # on standby is no fault
+    with ExitStack() as exits:
+        exits.enter_context(hold(tmp_path, "emulated", "w"))
+        hold(tmp_path, "sim", "w").close()
+        put(tmp_path, "sim", DEMO)
+        simulation, hub = start(tmp_path, exits, "sim"), start(tmp_path, exits)
+        emulated = start(tmp_path, exits, "emulated")
+        assert [first_line(simulation), first_line(hub)] == ["sim", "sim"]
+        assert is_held(tmp_path, "sim")
+        assert health(tmp_path / "alive-emulated") == WAITS
+        put(tmp_path, "emulated", EMULATED)
+        assert all(each.wait(10.0) for each in (simulation, hub))  # the engine starts them again
+        assert not is_held(tmp_path, "sim")
+        assert first_line(emulated) == "emulated"
+        emulated.terminate()
+        assert emulated.wait(10.0)
+        (tmp_path / "alive-sim").unlink()
+        start(tmp_path, exits, "sim")
+        assert health(tmp_path / "alive-sim") == ""  # on standby is no fault
 
 
 @pytest.mark.parametrize("profile", IMPLEMENTATIONS)

@@ -73,7 +73,7 @@ COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose
 
 up: ## bring the simulated cell up in containers; PROFILE=real CELL=my-cell.yaml yours in its place, PROFILE=emulated
 	@$(UP) up -d --build $(ARGS)
-	@$(UP) exec -T $(KEEPER)-cell python -m common.bus.profile_lock check $(KEEPER)
+	@$(UP) exec -T $(KEEPER)-cell python -m common.bus.profile_label check $(KEEPER)
 
 down: ## take the containers down, of whichever profile
 	@$(COMPOSE) $(ALL) down $(ARGS)

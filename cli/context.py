@@ -58,7 +58,7 @@ PART_STEP = (
     "which; restart `forcemesh up`."
 )
 NO_REPLY_STEP = (
-    "requests get no reply with a read-only certificate (monitor), or while a sidecar process is "
+    "requests get no reply with a read-only certificate (monitor), or while a helper process is "
     "missing: `forcemesh status` shows every process."
 )
 CONNECT_PATIENCE_S = 1.0  # connection timeout; a running hub replies at once

@@ -1,4 +1,4 @@
-"""Verb `panel`: the panel of a cell in the browser; `up` and `demo` start it as a sidecar."""
+"""Verb `panel`: the panel of a cell in the browser; `up` and `demo` start it as a helper."""
 
 from typing import Annotated
 

@@ -1,15 +1,12 @@
 """Verbs `payload fit` and `payload check`: identification of the payload from a recording."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option, Typer
 
-from cli.context import exit_with_error, print_note
-from forcemesh.errors import DataError
+from cli.context import one_line_errors, print_note
 
 if TYPE_CHECKING:
     from identification.recording import WrenchAxes
@@ -40,7 +37,7 @@ def fit(  # noqa: PLR0917 - options of a verb, given by name
     as_json: Json = False,
 ) -> None:
     """Fit mass, centre of mass and bias from static poses, free of contact."""
-    with _one_line_errors():
+    with one_line_errors():
         import numpy as np
 
         from cli.payload_tables import print_fit
@@ -83,12 +80,13 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Print the force and torque that a payload leaves unexplained in a recording."""
-    with _one_line_errors():
-        from common.config.payload import load
+    with one_line_errors():
+        from common.config.payload import Payload
+        from forcemesh.yaml_file import read_model
         from identification.recording import read_recording
         from identification.report import check_report
 
-        data, known = read_recording(recording), load(payload)
+        data, known = read_recording(recording), read_model(Payload, payload)
         axes = named_axes(wrench_axes)
         if axes is None:
             from identification.identify import axes_of
@@ -107,15 +105,6 @@ def check(
 def named_axes(option: AxesOption) -> "WrenchAxes | None":
     """Return the axes that an option names; None: detect them."""
     return None if option == "auto" else option
-
-
-@contextmanager
-def _one_line_errors() -> Iterator[None]:
-    """Convert an error in the user's data to one line on standard error and exit code 2."""
-    try:
-        yield
-    except DataError as error:
-        exit_with_error(f"error: {error}")
 
 
 def _warn_of_other_axes(used_report: dict[str, Any], other_report: dict[str, Any]) -> None:

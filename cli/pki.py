@@ -211,18 +211,14 @@ def _write_env(path: Path, lines: list[str]) -> None:
 
     It holds the panel's token: only the owner of the folder can read it, also during the write.
     """
+    from common.config.state_file import replace_file
+
     names = tuple(line.partition("=")[0] + "=" for line in lines)
     old = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     other_lines = [line for line in old if not line.startswith(names)]
-    path = path.resolve()
-    draft = path.with_name(f"{path.name}.{os.getpid()}")
-    draft.unlink(missing_ok=True)
-    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        if os.geteuid() == 0:
-            folder = path.parent.stat()
-            os.fchown(file.fileno(), folder.st_uid, folder.st_gid)
-        file.write("\n".join([*other_lines, *lines]) + "\n")
-    draft.replace(path)
+    folder = path.resolve().parent.stat()
+    owner = (folder.st_uid, folder.st_gid) if os.geteuid() == 0 else None
+    replace_file(path, "\n".join([*other_lines, *lines]) + "\n", mode=0o600, owner=owner)
 
 
 def _now() -> dt.datetime:

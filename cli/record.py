@@ -1,4 +1,4 @@
-"""Verbs `record ...`: requests to the recorder, which `up` and `demo` start as a sidecar."""
+"""Verbs `record ...`: requests to the recorder, which `up` and `demo` start as a helper."""
 
 from typing import Annotated
 

@@ -94,7 +94,7 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
                 ),
                 view.longest_wait_s,
             )
-            if arm is not None:  # also every sidecar
+            if arm is not None:  # also every helper
                 view.wait(
                     lambda: _is_received(view, topics.HELPERS) and arm.is_complete(),
                     view.helper_wait_s,
@@ -211,7 +211,7 @@ def restarts_of(run: Run | None) -> list[Restart]:
 
 
 def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
-    """Return the sidecars that publish health, or that a running supervisor has started."""
+    """Return the helpers that publish health, or that a running supervisor has started."""
     started = run if run is not None and run.live else None
     return tuple(
         name

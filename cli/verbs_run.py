@@ -5,8 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +22,7 @@ from cli.context import (
 from cli.panel import NoPanel
 from cli.record import NoRecorder
 from forcemesh.errors import ForcemeshError
+from forcemesh.topics import HELPERS
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
@@ -68,7 +67,6 @@ def up(
         from common.config.load import load_cell
         from common.runtime.stop import stop_on_signals
         from launch.processes import Supervisor
-        from launch.sidecar import SIDECARS, sidecars
 
         path = cell or default_cell_file()
         loaded = load_cell(path)
@@ -78,19 +76,14 @@ def up(
         supervisor = Supervisor(loaded, path, stop=stop).__enter__()
     except ForcemeshError as error:
         exit_with_error(f"up: {error}")
-    with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
-
-        def start_helpers() -> None:
-            off = {"recorder": no_recorder, "panel": no_panel}
-            names = [name for name in SIDECARS if not off.get(name)]
-            afterwards.enter_context(sidecars(supervisor, names))
-
-        try:
-            _supervise(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
-            if supervisor.died:
-                supervisor.hold_after_death(linger)
-        finally:
-            supervisor.stop()
+    off = {"recorder": no_recorder, "panel": no_panel}
+    helpers = [name for name in (*HELPERS, "panel") if not off.get(name)]
+    try:
+        _supervise(supervisor, loaded, path, stop=stop, helpers=helpers)
+        if supervisor.died:
+            supervisor.hold_after_death(linger)
+    finally:
+        supervisor.stop()
     if supervisor.died:
         exit_with_error("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
     print_note(f"cell {loaded.cell} is down")
@@ -102,11 +95,11 @@ def _supervise(
     path: Path,
     *,
     stop: "StopSignal",
-    when_ready: Callable[[], None],
+    helpers: list[str],
 ) -> None:
     """Wait for the end: Ctrl-C, or a death. Report once that the cell is ready, or what is missing.
 
-    The sidecar processes start when the cell is ready, so that they do not delay it.
+    Panel and helpers start when the cell is ready, so that they do not delay it.
     """
     started_s, is_slow_reported, ready = time.monotonic(), False, False
     while not stop.wait(SUPERVISOR_POLL_S) and not supervisor.died:
@@ -116,7 +109,7 @@ def _supervise(
         if not ready and not lines:
             ready = True
             supervisor.enable_restarts()
-            when_ready()
+            supervisor.start_helpers(helpers)
             print_note(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it")
         elif not ready and not is_slow_reported and elapsed_s > SLOW_S:
             is_slow_reported = True

@@ -44,6 +44,11 @@ def parse_yaml(text: str, source: str) -> Any:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
 
 
+def read_model(model: type[Model], path: Path) -> Model:
+    """Return the content of a YAML file. Raise ConfigError, which lists every mistake."""
+    return validated(model, read_yaml(path, str(path)), str(path))
+
+
 def validated(model: type[Model], tree: object, source: str) -> Model:
     """Return the content of a file as a model. Raise ConfigError, which lists every mistake."""
     if not isinstance(tree, dict):
@@ -60,11 +65,11 @@ def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
 
     The C parser is faster, but a file of nothing but brackets crashes the process.
     """
-    node = refuse_expansion(text)
+    node = _refuse_expansion(text)
     return node, tuple(_duplicates(node))
 
 
-def refuse_expansion(text: str) -> yaml.Node | None:
+def _refuse_expansion(text: str) -> yaml.Node | None:
     """Return the YAML tree of a text. Raise ValueError where aliases make it too large."""
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     if (values := _values(node, {})) > MOST_VALUES:

@@ -10,7 +10,7 @@ from forcemesh.client.roles import HEALTH_POLL_S, RoleHealth
 from forcemesh.clock import MonotonicClock, wait_until
 from forcemesh.messages import ArbiterStatus, Health
 
-HELPER_PERIODS = 1.5  # a running sidecar has published its health by then
+HELPER_PERIODS = 1.5  # a running helper has published its health by then
 
 
 class CellView(RoleHealth):

@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -22,8 +22,8 @@ from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import CellView
 from launch.controller_program import program_file, write_program
-from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
-from launch.run_file import RunLog, read_run, writable_folder, write_atomically
+from launch.restart import RESTART_PAUSE_S, Restarter
+from launch.run_file import new_run, read_run, writable_folder, write_atomically
 from launch.started_process import (
     ChildProcess,
     ProcessExit,
@@ -35,7 +35,7 @@ from launch.started_process import (
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
-WATCH_S = 0.02
+SUPERVISOR_POLL_S = 0.05
 # Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
 HUB_SLOW_S = 10.0
@@ -68,7 +68,8 @@ def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
 class Supervisor:
     """Supervisor of a cell: starts the processes, detects deaths, stops all; a context manager.
 
-    Enter it in a thread that lives as long as the cell: the processes die with that thread.
+    Used in one thread, which lives as long as the cell: the processes die with it. Deaths are
+    detected in `died` and `restart_exited`, to be read often.
     """
 
     def __init__(
@@ -81,21 +82,24 @@ class Supervisor:
         write_line: WriteLine = write_stderr_line,
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
-        self.died: list[ProcessExit] = []
+        self._died: list[ProcessExit] = []
+        self._to_restart: list[ProcessExit] = []
+        self._reported_pids: set[int] = set()
         self.cell_file = (cell_file or writable_folder() / f"{cell.cell}.yaml").resolve()
-        self.log = RunLog(cell, self.cell_file)
+        self.run = new_run(cell, self.cell_file)
         self._cell = cell
         self._is_file_generated = cell_file is None
         self._processes = processes_of(cell) if processes is None else tuple(processes)
         self._stop = stop or StopSignal()
         self._write_line = write_line
         self._running: list[ChildProcess] = []
-        self._stopping = threading.Event()
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._is_stopped = False
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
-        self._restarter: Restarter | None = None
+        pause_s = max(RESTART_PAUSE_S, cell.stale_after_s(topics.ROBOT_COMMAND))
+        self._restarter = Restarter(self._start_again, self._hold, write_line, pause_s)
+        self._is_restarting = False
 
     # --- start and stop ---------------------------------------------------------------------------
 
@@ -116,7 +120,6 @@ class Supervisor:
         write_program(self._cell)
         self._stop_on_sigterm()
         try:
-            self._watcher.start()
             for process in self._processes:
                 self._raise_death()
                 pid = self.begin(process)
@@ -133,22 +136,32 @@ class Supervisor:
 
     def stop(self) -> None:
         """Hold the arm if it may move, end every process, keep the run file only after a death."""
-        if self._stopping.is_set():
+        if self._is_stopped:
             return
+        self._note_exits()
         if self._last_state() in MAY_MOVE and not self._has_exited("hub", "arbiter"):
             self._hold("the cell is being stopped")
-        self._stopping.set()
+        self._is_stopped = True
         self._exits.close()
         hubs = [running for running in self._running if "hub" in running.process.roles]
-        others = [running for running in self._running if running not in hubs]
+        helpers = [running for running in self._running if running.process.is_helper]
+        others = [running for running in self._running if running not in (*hubs, *helpers)]
         give_up_s = time.monotonic() + STOP_WITHIN_S
         _end_all(others, give_up_s - HUB_LAST_S)
         _end_all(hubs, give_up_s)
-        if self._watcher.is_alive():
-            self._watcher.join()
-        self.log.close(keep=bool(self.died))
+        _end_all(helpers, time.monotonic() + STOP_WITHIN_S)
+        if self._died:
+            self.run.end()
+        else:
+            self.run.remove()
 
     # --- while it is up ---------------------------------------------------------------------------
+
+    @property
+    def died(self) -> list[ProcessExit]:
+        """Processes that have died until now and are not restarted; no helpers."""
+        self._note_exits()
+        return self._died
 
     def missing(self) -> list[str]:
         """Return why the cell is not ready, and record the arbiter's state."""
@@ -175,33 +188,40 @@ class Supervisor:
 
     def enable_restarts(self) -> None:
         """Restart what dies from now on, in `update`: the cell was ready once."""
-        policy = RestartPolicy(max(RESTART_PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
-        self._restarter = Restarter(self._start_again, self._hold, self._write_line, policy)
+        self._is_restarting = True
+
+    def start_helpers(self, names: Iterable[str]) -> None:
+        """Start panel or helpers, which are restarted in `restart_exited` and end last."""
+        for name in names:
+            self.begin(ProcessSpec(f"services.{name}", (name,), is_helper=True))
 
     def restart_exited(self) -> None:
-        """Restart what has died; to be called often, by the thread that entered.
+        """Restart what has died; to be called often.
 
         A process that is given up is in `died` from then on, and the others stay up.
         """
-        if self._restarter is not None:
-            self.died += self._restarter.update(time.monotonic())
+        self._note_exits()
+        new, self._to_restart = self._to_restart, []
+        self._died += self._restarter.update(time.monotonic(), new)
 
     def hold_after_death(self, linger_s: float | None) -> None:
         """After a death: request a hold, and keep the rest up so that status can be used.
 
         Without a time they stay up until this is stopped, if the cell was ready once.
         """
-        give_up_s = time.monotonic() + 5 * WATCH_S
+        give_up_s = time.monotonic() + 2 * SUPERVISOR_POLL_S
         while not self.died and time.monotonic() < give_up_s:
-            time.sleep(WATCH_S)
+            time.sleep(HEALTH_POLL_S)
         self._write_line("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
         if linger_s is None:
-            linger_s = LINGER_S if self._restarter is None else math.inf
+            linger_s = math.inf if self._is_restarting else LINGER_S
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
             self._write_line("up", f"the others stay up {until}: see `forcemesh status`")
+            give_up_s = time.monotonic() + linger_s
             with suppress(KeyboardInterrupt):  # ends the waiting; the failure is still reported
-                self._stop.wait(None if math.isinf(linger_s) else linger_s)
+                while not self._stop.wait(SUPERVISOR_POLL_S) and time.monotonic() < give_up_s:
+                    self.restart_exited()
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -215,7 +235,7 @@ class Supervisor:
     def begin(self, process: ProcessSpec) -> int:
         """Start a process; return its pid."""
         running = ChildProcess(process, self.cell_file, self._write_line)
-        self.log.add_process(process, running.pid)
+        self.run.add_process(process, running.pid)
         self._running = [*self._running, running]
         return running.pid
 
@@ -252,26 +272,26 @@ class Supervisor:
                 )
             time.sleep(HEALTH_POLL_S)
 
-    def _watch(self) -> None:
-        """Detect deaths; runs in its own thread until the cell is stopped."""
-        reported_pids: set[int] = set()
-        while not self._stopping.wait(WATCH_S):
-            for running in self._running:
-                died = None if running.pid in reported_pids else running.ended()
-                if died is None or self._stopping.is_set():
-                    continue
-                reported_pids.add(running.pid)
-                self.log.add_exit(died)
-                self._write_line("up", f"died: {died}")
-                if self._restarter is None:
-                    self.died.append(died)
-                else:
-                    self._restarter.add(died)
+    def _note_exits(self) -> None:
+        """Record and report new deaths, until the cell is stopped."""
+        if self._is_stopped:
+            return
+        for running in self._running:
+            died = None if running.pid in self._reported_pids else running.ended()
+            if died is None:
+                continue
+            self._reported_pids.add(running.pid)
+            self.run.add_exit(died)
+            self._write_line("up", f"died: {died}")
+            if self._is_restarting or died.process.is_helper:
+                self._to_restart.append(died)
+            else:
+                self._died.append(died)
 
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
-            self.log.set_state(status.state)
+            self.run.set_state(status.state)
             return status.state
         return ""
 

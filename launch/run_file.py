@@ -8,7 +8,6 @@ used. The file is removed when a cell ends normally, and kept after a death.
 import os
 import stat
 import tempfile
-import threading
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -74,66 +73,51 @@ class Run(BaseModel):
         """Return the process that implements a role, if this run has one."""
         return next((entry for entry in self.processes if role in entry.roles), None)
 
+    # --- for its supervisor; every change is written at once --------------------------------------
 
-class RunLog:
-    """Writer of the run file; writes every change at once, thread-safe."""
-
-    def __init__(self, cell: "CellConfig", cell_file: Path) -> None:
-        """Begin a run; nothing is written before the first process."""
-        self._run = new_run(cell, cell_file)
-        self._lock = threading.Lock()
-        self._closed = False
-
-    def add_process(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
+    def add_process(self, process: ProcessSpec, pid: int) -> None:
         """Add a process; a restarted one replaces the one that died."""
-        old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
+        old = next((e for e in self.processes if e.roles == process.roles and e.ended), None)
         before = () if old is None or old.ended is None else (*old.deaths, old.ended)
         entry = ProcessRecord(
             roles=process.roles,
             module=process.module,
             pid=pid,
             started_ticks=start_ticks(pid),
-            is_helper=is_helper,
+            is_helper=process.is_helper,
             deaths=before[-MOST_DEATHS:],
         )
-        with self._lock:
-            rest = [each for each in self._run.processes if each is not old]
-            self._put(processes=[*rest, entry])
+        self.processes = [*(each for each in self.processes if each is not old), entry]
+        self.write()
 
     def add_exit(self, died: ProcessExit) -> None:
         """Record how a process ended."""
-        end = ExitRecord(code=died.code, how=died.cause, at=now())
-        with self._lock:
-            self._put(
-                processes=[
-                    entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
-                    for entry in self._run.processes
-                ]
-            )
+        for entry in self.processes:
+            if entry.pid == died.pid:
+                entry.ended = ExitRecord(code=died.code, how=died.cause, at=now())
+        self.write()
 
     def set_state(self, state: str) -> None:
         """Record a change of the arbiter's state."""
-        with self._lock:
-            if state != self._run.last_state:
-                self._put(last_state=state)
+        if state != self.last_state:
+            self.last_state = state
+            self.write()
 
-    def close(self, *, keep: bool) -> None:
-        """End the run: remove its file, or keep it as a record of deaths."""
-        with self._lock:
-            if keep:
-                self._put(ended_at=now())
-            else:
-                remove_run(self._run)
-            self._closed = True
+    def end(self) -> None:
+        """Keep the file as a record of deaths."""
+        self.ended_at = now()
+        self.write()
 
-    def _put(self, **update: object) -> None:
-        if self._closed:  # a sidecar may end after the cell
-            return
-        self._run = self._run.model_copy(update=update)
-        with suppress(
-            OSError, DataError
-        ):  # a full disk is no reason to leave a cell without supervision
-            write_run(self._run)
+    def write(self) -> None:
+        """Write the run file; a full disk is no reason to leave a cell without supervision."""
+        with suppress(OSError, DataError):
+            path = writable_folder() / f"{self.cell}.json"
+            write_atomically(path, self.model_dump_json(indent=1) + "\n")
+
+    def remove(self) -> None:
+        """Remove the file of a cell that ended well."""
+        for folder in folders():
+            (folder / f"{self.cell}.json").unlink(missing_ok=True)
 
 
 def new_run(cell: "CellConfig", cell_file: Path) -> Run:
@@ -149,23 +133,11 @@ def new_run(cell: "CellConfig", cell_file: Path) -> Run:
     )
 
 
-def write_run(run: Run) -> None:
-    """Write a run file atomically."""
-    path = writable_folder() / f"{run.cell}.json"
-    write_atomically(path, run.model_dump_json(indent=1) + "\n")
-
-
 def write_atomically(path: Path, text: str) -> None:
     """Replace a file atomically: readers see the old text or the new text."""
     draft = path.with_name(f"{path.name}.{os.getpid()}")
     draft.write_text(text, encoding="utf-8")
     draft.replace(path)
-
-
-def remove_run(run: Run) -> None:
-    """Remove the run file of a cell that ended well."""
-    for folder in folders():
-        (folder / f"{run.cell}.json").unlink(missing_ok=True)
 
 
 def read_run(cell: str) -> Run | None:

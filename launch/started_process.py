@@ -29,6 +29,7 @@ class ProcessSpec:
     roles: tuple[str, ...]
     argv: tuple[str, ...] = ()  # instead of `python -m module --cell FILE`
     arguments: tuple[str, ...] = ()  # between the module and --cell
+    is_helper: bool = False  # its death neither ends the cell nor holds the arm
 
     @property
     def name(self) -> str:

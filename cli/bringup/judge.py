@@ -18,8 +18,9 @@ from cli.doctor.checks import ReportLine
 from cli.doctor.verb import print_lines
 from common.config.calibration import CalibrationSection
 from common.config.evidence import MONITOR_SPEED, named_files
-from common.config.load import load_cell, read_probe
-from forcemesh.yaml_file import read_yaml
+from common.config.load import load_cell
+from common.config.probe import ProbeFile
+from forcemesh.yaml_file import read_model, read_yaml
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # of a terminal's colours and progress bars
 LATER = ("calibration",)  # checks of the doctor that a later step makes pass
@@ -167,7 +168,7 @@ def judge_probe(cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
     why = by_exit_code(cell_file, outcomes).why
     if why:
         return Judgement(why)
-    probe = read_probe(named_files(cell_file)["probe"])
+    probe = read_model(ProbeFile, named_files(cell_file)["probe"])
     found = {
         "delay_s": probe.robot.delay_s,
         "lag_s": probe.robot.lag_s,

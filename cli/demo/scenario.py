@@ -29,7 +29,6 @@ from forcemesh.messages import Host, Mode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply
 from forcemesh.topics import CLIENT, Q, Request
 from launch.processes import Supervisor
-from launch.sidecar import sidecars
 
 SAMPLE_S = 0.001
 READY_TIMEOUT_S = 20.0
@@ -293,12 +292,14 @@ def play_real(
     with Supervisor(cell) as processes:
 
         def check() -> None:
+            processes.restart_exited()
             if processes.died:
                 raise ScenarioError("a process of the cell died")
 
         processes.wait_ready()
         try:
-            with sidecars(processes, names), open_bus(cell, CLIENT) as client:
+            processes.start_helpers(names)
+            with open_bus(cell, CLIENT) as client:
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ForcemeshError as error:  # also a request without reply: its server may have died
             processes.hold_after_death(linger_s)

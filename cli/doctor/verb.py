@@ -85,10 +85,14 @@ def _probe_lines(path: "Path", cell: "CellConfig") -> "list[ReportLine]":
     from datetime import UTC, datetime
 
     from cli.doctor.probe import probe_lines
-    from common.config.load import PROBE, named_file, read_probe
+    from common.config.load import PROBE, named_file
+    from common.config.probe import ProbeFile
+    from forcemesh.yaml_file import read_model
 
     file = named_file(path, PROBE)
-    return [] if file is None else probe_lines(cell, read_probe(file), now=datetime.now(UTC))
+    if file is None:
+        return []
+    return probe_lines(cell, read_model(ProbeFile, file), now=datetime.now(UTC))
 
 
 def exit_code(lines: "list[ReportLine]") -> int:

@@ -14,7 +14,7 @@ from common.config.probe import MotionsAhead
 from forcemesh.connection import ConfigSection
 from forcemesh.messages import Host
 from forcemesh.units import SLOWEST_DEG_S, joints_in_radians
-from forcemesh.yaml_file import read_yaml, validated
+from forcemesh.yaml_file import read_model
 
 ARMS = Path(__file__).resolve().parents[2] / "arms"
 USUAL_ARM = "rs007l"  # of cell files that name none
@@ -99,8 +99,7 @@ def arm_names() -> list[str]:
 @cache
 def read_arm(name: str) -> Arm:
     """Return the data of an arm. Raise ConfigError, which lists every mistake in its arm.yaml."""
-    path = ARMS / name / "arm.yaml"
-    return validated(Arm, read_yaml(path, str(path)), str(path))
+    return read_model(Arm, ARMS / name / "arm.yaml")
 
 
 def model_file(name: str) -> Path:

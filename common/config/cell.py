@@ -356,12 +356,18 @@ class CellConfig(ConfigSection):
         }
         if mistake := plain.terms_mistake(self.robot.hosts, limits):
             raise ValueError(mistake)
+        if self.signals:
+            raise ValueError(
+                "signals: gateway.protocol is plain, whose packet has no signals: remove the "
+                "section, or use protocol forcemesh"
+            )
         return self
 
     @model_validator(mode="after")
     def _signals_can_be_used(self) -> "CellConfig":
         follows = {} if self.sim is None else self.sim.inputs_follow
-        if mistake := signals_mistake(self.signals, self.gateway, follows):
+        dedicated = () if self.gateway is None else self.gateway.dedicated_signals
+        if mistake := signals_mistake(self.signals, dedicated, follows):
             raise ValueError(mistake)
         return self
 

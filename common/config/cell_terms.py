@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
 Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
 Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] in the flange frame
 LARGEST_ANGLE_DEG = 720.0
 Angle = Annotated[float, Field(ge=-LARGEST_ANGLE_DEG, le=LARGEST_ANGLE_DEG)]  # [degrees]

@@ -16,11 +16,12 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from common.config.load import CALIBRATION, PROBE, TUNING, named_file, read_probe, value_at
+from common.config.load import CALIBRATION, PROBE, TUNING, named_file, value_at
+from common.config.probe import ProbeFile
 from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import ConfigError
-from forcemesh.yaml_file import read_yaml, validated
+from forcemesh.yaml_file import read_model, read_yaml
 
 PROGRAMS = Path(__file__).resolve().parents[2] / "controller"
 PROBE_NAME, TUNING_NAME = "probe.yaml", "tuning.yaml"  # where the cell file names none
@@ -71,7 +72,7 @@ def read_evidence(cell_file: Path) -> BringupEvidence:
     path = evidence_file(cell_file)
     if not path.exists():
         return BringupEvidence()
-    return validated(BringupEvidence, read_yaml(path, str(path)), str(path))
+    return read_model(BringupEvidence, path)
 
 
 def save_evidence(cell_file: Path, evidence: BringupEvidence) -> None:
@@ -151,7 +152,7 @@ def measured_monitor_speed(cell_file: Path) -> float | None:
         is_of_this_file = step.inputs.get("tuning") == input_hashes(cell_file, ["tuning"])["tuning"]
         return step.numbers.get(MONITOR_SPEED) if is_of_this_file else None
     file = named_file(cell_file, PROBE)
-    if file is None or (probe := read_probe(file)).robot.delay_s is None:
+    if file is None or (probe := read_model(ProbeFile, file)).robot.delay_s is None:
         return None
     return probe.number("mspeed")
 

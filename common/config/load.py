@@ -12,7 +12,7 @@ from common.config.calibration import NO_FILE, CalibrationSection
 from common.config.cell import CellConfig
 from common.config.probe import ProbeFile
 from forcemesh.errors import ConfigError
-from forcemesh.yaml_file import read_yaml, validated
+from forcemesh.yaml_file import Model, read_model, read_yaml, validated
 
 CALIBRATION, PROBE, TUNING = "calibration", "robot.probe", "tuning"  # keys of files
 
@@ -56,7 +56,10 @@ def load_cell(
         for dotted, value in (overrides or {}).items():
             _set(tree, dotted, value, source)
         if (file := _named(tree, path, CALIBRATION)) is not None:
-            tree[CALIBRATION] = _read_calibration(file) if file.exists() else None
+            remedy = "move the file away, start the cell and calibrate"
+            tree[CALIBRATION] = None
+            if file.exists():
+                tree[CALIBRATION] = _read_file(CalibrationSection, file.resolve(), remedy)
     return cell_from_tree(tree, source)
 
 
@@ -72,11 +75,6 @@ def named_file(cell_file: Path, key: str) -> Path | None:
     """
     path = _followed(cell_file)
     return _named(read_yaml(path, str(path)), path, key)
-
-
-def read_probe(path: Path) -> ProbeFile:
-    """Return the content of a probe.yaml. Raise ConfigError, which lists every mistake."""
-    return validated(ProbeFile, read_yaml(path, str(path)), str(path))
 
 
 def value_at(tree: Any, dotted: str) -> Any:
@@ -112,7 +110,8 @@ def _take_probe(tree: dict[str, Any], path: Path) -> None:
     file = _named(tree, path, PROBE)
     if file is None:
         return
-    probe = _read_probe(file)
+    remedy = f"measure it with `forcemesh probe`, or take {PROBE} out of the cell file"
+    probe = _read_file(ProbeFile, file, remedy)
     del tree["robot"]["probe"]
     for name, measured in (("robot", probe.robot), ("gateway", probe.gateway)):
         if isinstance(tree.get(name), dict):
@@ -123,13 +122,13 @@ def _take_probe(tree: dict[str, Any], path: Path) -> None:
                 tree[name]["delay_s"] = max(delays_s)
 
 
-def _read_probe(file: Path) -> ProbeFile:
+def _read_file(model: type[Model], file: Path, remedy: str) -> Model:
+    """Return the content of a file that a cell file names; its last mistake has the remedy."""
     try:
-        return read_probe(file)
+        return read_model(model, file)
     except ConfigError as error:
-        remedy = f"measure it with `forcemesh probe`, or take {PROBE} out of the cell file"
-        mistakes = [f"{what}; {remedy}" for what in error.mistakes]
-        raise ConfigError(str(file), mistakes) from error
+        *mistakes, last = error.mistakes
+        raise ConfigError(error.source, [*mistakes, f"{last}; {remedy}"]) from error
 
 
 def _is_number(value: object) -> bool:
@@ -206,17 +205,6 @@ def dump_cell(cell: CellConfig) -> str:
     """Return a cell file that loads into the same cell."""
     text: str = yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True), sort_keys=False)
     return text
-
-
-def _read_calibration(path: Path) -> CalibrationSection:
-    source = str(path.resolve())
-    try:
-        tree = read_yaml(path, source)
-        return validated(CalibrationSection, tree, source)
-    except ConfigError as error:
-        remedy = "move the file away, start the cell and calibrate"
-        *mistakes, last = error.mistakes
-        raise ConfigError(source, [*mistakes, f"{last}; {remedy}"]) from error
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:

@@ -4,28 +4,19 @@ SI units, sensor axes, from the sensor's origin. common/motion/weight.py has the
 causes.
 """
 
-import difflib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from common.config.cell_terms import AxisGain
 from common.config.state_file import replace_file
 from forcemesh.connection import ConfigSection
-from forcemesh.errors import DataError, first_mistake
+from forcemesh.errors import DataError
 from forcemesh.messages import Vec3
 from forcemesh.records import checked_unit
 from forcemesh.units import mounting_objection
-from forcemesh.yaml_file import refuse_expansion
 
 DOWN: Vec3 = (0.0, 0.0, -1.0)
 MOVED = (
@@ -125,45 +116,8 @@ class CellPayload(Payload):
 
 
 def save(payload: Payload, path: Path) -> None:
-    """Write the YAML file that `load` reads. Raises DataError when it cannot be written."""
+    """Write a payload file. Raises DataError when it cannot be written."""
     data = payload.model_dump(mode="json", exclude_none=True, exclude={"accept_uncalibrated"})
     text = "# forcemesh payload: kg, m, N, Nm, rad; sensor axes, from the sensor origin\n"
     text += yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
     replace_file(path, text)
-
-
-def load(path: Path) -> Payload:
-    """Read a payload file. Raises DataError naming file, key and expected value."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        refuse_expansion(text)
-        data = yaml.safe_load(text)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: is not UTF-8 text") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark is not None else ""
-        raise DataError(f"{path}{where}: is not valid YAML") from error
-    except ValueError as error:
-        raise DataError(f"{path}: {error}") from error
-    if not isinstance(data, dict):
-        raise DataError(f"{path}: must hold the keys of a payload, such as mass_kg: 1.5")
-    if mistake := _unknown_key(data, Payload) or _unknown_key(data.get("drift"), BiasDrift):
-        raise DataError(f"{path}: {mistake}")
-    try:
-        return Payload.model_validate(data)
-    except ValidationError as error:
-        raise DataError(f"{path}: {first_mistake(error).text}") from error
-
-
-def _unknown_key(data: Any, model: type[BaseModel]) -> str:
-    """Return the first key that a model does not have, with the one that is meant."""
-    known = model.model_fields
-    for key in data if isinstance(data, dict) else ():
-        if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-            return f"unknown key {key}; {hint}"
-    return ""

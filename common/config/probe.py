@@ -48,8 +48,8 @@ class ProbedGateway(ConfigSection):
     least_speed_m_s: float | None = None
 
 
-class ProbeSections(ConfigSection):
-    """Everything in the file but the section `behaviour`. No section is required."""
+class ProbeFile(ConfigSection):
+    """Content of probe.yaml. No section is required."""
 
     probe: Literal[1] = 1  # version of the file
     measured_at: datetime | None = None
@@ -60,6 +60,7 @@ class ProbeSections(ConfigSection):
     gateway: ProbedGateway = ProbedGateway()
     results: dict[str, ProbeResult] = Field({})
     lines: dict[str, LineCheck] = Field({})
+    behaviour: dict[str, Any] = Field({})  # checked by the emulated controller
 
     @property
     def differing(self) -> Mapping[str, LineCheck]:
@@ -70,9 +71,3 @@ class ProbeSections(ConfigSection):
         """Return a result as a number, None if it was not measured."""
         value = self.results[name].value if name in self.results else None
         return None if value is None or isinstance(value, str) else float(value)
-
-
-class ProbeFile(ProbeSections):
-    """Content of probe.yaml; the emulated controller checks the section `behaviour`."""
-
-    behaviour: dict[str, Any] = Field({})

@@ -6,7 +6,7 @@ is listed in `gateway.dedicated_signals` and cannot be named.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -70,36 +70,18 @@ Dedicated = Annotated[
 ]  # signals that the controller uses by itself
 
 
-class SignalTerms(Protocol):
-    """What the controller means for signals: the section `gateway`."""
-
-    @property
-    def dedicated_signals(self) -> tuple[int, ...]:
-        """Signals that the controller uses by itself."""
-
-    @property
-    def protocol(self) -> str:
-        """Protocol of its program."""
-
-
 def signals_mistake(
     signals: Mapping[str, SignalSection],
-    gateway: SignalTerms | None,
+    dedicated: tuple[int, ...],
     follows: Mapping[str, str],
 ) -> str:
     """Return why these signals cannot be used together, or in this cell; empty: they can.
 
     Args:
         signals: Section of the cell file.
-        gateway: Section of the controller, None without one.
+        dedicated: Signals that the controller uses by itself.
         follows: Simulated inputs, and the output that each of them follows.
     """
-    dedicated = () if gateway is None else gateway.dedicated_signals
-    if signals and gateway is not None and gateway.protocol == "plain":
-        return (
-            "signals: gateway.protocol is plain, whose packet has no signals: remove the section, "
-            "or use protocol forcemesh"
-        )
     names: dict[int, str] = {}
     for name, signal in signals.items():
         if signal.number in names:

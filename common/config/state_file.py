@@ -7,18 +7,27 @@ from pathlib import Path
 from forcemesh.errors import DataError
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Write a file that is state, such as a calibration; create its folder if needed.
+def replace_file(
+    path: Path, text: str, *, mode: int = 0o666, owner: tuple[int, int] | None = None
+) -> None:
+    """Write a file that is state, such as a calibration or a key; create its folder if needed.
 
+    No other user can read a key, also during the write: mode and owner are those of its draft, and
+    a new folder of files that others may not read is closed to them.
     The data are on the disk before they get the file's name, and the name before this returns.
     A link stays a link. Raises DataError when the file cannot be written; it is then as before.
     """
     path = Path(os.path.realpath(path))
     draft = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        is_open = mode & 0o077
+        path.parent.mkdir(0o777 if is_open else 0o700, parents=True, exist_ok=True)
+        draft.unlink(missing_ok=True)
         try:
-            with draft.open("w", encoding="utf-8") as file:
+            handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                if owner is not None:
+                    os.fchown(file.fileno(), *owner)
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())

@@ -8,7 +8,6 @@ Files are readable by their owner only, and are never overwritten without an exp
 
 import datetime as dt
 import ipaddress
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from common.config.state_file import replace_file
 from forcemesh.errors import DataError
 from forcemesh.identity import AUTHORITY, HUB, PAGE, common_name
 
@@ -142,19 +142,7 @@ def read_certificate(path: Path) -> x509.Certificate:
 
 
 def _write(path: Path, data: bytes, owner: tuple[int, int] | None) -> None:
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, ONLY_OWNER_READS)
-        with os.fdopen(handle, "wb") as file:
-            if owner is not None:
-                os.fchown(file.fileno(), *owner)
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except OSError as error:
-        raise DataError(f"{path.parent}: cannot write {path.name}: {error.strerror}") from error
+    replace_file(path, data.decode("ascii"), mode=ONLY_OWNER_READS, owner=owner)
 
 
 def _name(text: str) -> x509.Name:

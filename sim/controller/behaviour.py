@@ -12,9 +12,9 @@ from pathlib import Path
 from pydantic import Field
 
 from common.config.cell_sim import SimSection
-from common.config.probe import ProbeSections
+from common.config.probe import ProbeFile
 from forcemesh.connection import ConfigSection
-from forcemesh.yaml_file import read_yaml, validated
+from forcemesh.yaml_file import read_model, validated
 
 DEFAULT_STEP_S = 0.0005
 
@@ -62,15 +62,9 @@ class Behaviour(ConfigSection):
         return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
 
 
-class ControllerProbe(ProbeSections):
-    """File of a probed controller, with the fields of the emulated one in its behaviour."""
-
-    behaviour: Behaviour = Behaviour()
-
-
 def behaviour_like(path: Path) -> Behaviour:
     """Return the behaviour in the file of a probe. Raise ConfigError with all its mistakes."""
-    return validated(ControllerProbe, read_yaml(path, str(path)), str(path)).behaviour
+    return validated(Behaviour, read_model(ProbeFile, path).behaviour, f"{path}: behaviour")
 
 
 def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:

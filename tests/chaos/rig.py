@@ -7,7 +7,7 @@ from pathlib import Path
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from launch.processes import processes_of
-from launch.run_file import FOLDER_VARIABLE, RunLog
+from launch.run_file import FOLDER_VARIABLE, Run, new_run
 from launch.started_process import ROOT, ChildProcess, ProcessExit
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
 from sim.robot.trace import Records, read_trace
@@ -50,7 +50,7 @@ class Rig:
         self._file = folder / "cell.yaml"
         self._processes = {process.name: process for process in processes_of(cell)}
         self._exits = ExitStack()
-        self._log: RunLog | None = None
+        self._log: Run | None = None
 
     def __enter__(self) -> "Rig":
         """Start the witnesses and every process, the hub first."""
@@ -102,7 +102,7 @@ class Rig:
 
     def _log_anew(self) -> None:
         """Start a new run file: it lists each process once, and a restart is a new process."""
-        self._log = RunLog(self.cell, self._file)
+        self._log = new_run(self.cell, self._file)
         for running in self.running.values():
             self._log.add_process(running.process, running.pid)
 
@@ -113,7 +113,7 @@ class Rig:
         for running in reversed(self.running.values()):
             running.finish(give_up_s - time.monotonic())
         if self._log is not None:
-            self._log.close(keep=False)
+            self._log.remove()
 
 
 def _discard(_name: str, _line: str) -> None:

@@ -85,19 +85,20 @@ def _outside(namespace: str, *words: str) -> str:
 
 
 def open_to_others(compose: Compose) -> str:
-    """Published on all interfaces without certificates or token, nothing starts; one message."""
-    refused = []
-    for port in ("HUB", "PANEL"):
-        name = f"FORCEMESH_PUBLISH_{port}"
-        os.environ[name] = "0.0.0.0"
+    """Published on all interfaces without certificates or token, it does not start; one message."""
+    refused = {
+        "HUB": ("sim-cell", "FORCEMESH_PUBLISH_HUB=0.0.0.0 is reachable", ("hub", "robot-sim")),
+        "PANEL": ("panel", "refused: on 0.0.0.0 any client on the network could", ("panel",)),
+    }
+    for port, (name, text, stopped) in refused.items():
+        os.environ[f"FORCEMESH_PUBLISH_{port}"] = "0.0.0.0"
         try:
             compose("up", "-d", "--no-build")
-            compose.wait_log("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
-            if any(runs(each, compose) for each in ("hub", "panel", "robot-sim")):
-                raise RequirementError(f"something runs with {name}=0.0.0.0")
-            refused.append(name)
+            compose.wait_log(name, text)
+            if any(runs(each, compose) for each in stopped):
+                raise RequirementError(f"something runs with port {port} on 0.0.0.0")
         finally:
-            del os.environ[name]
+            del os.environ[f"FORCEMESH_PUBLISH_{port}"]
             compose("down", "-v", "-t", "2")
     return f"refused: {', '.join(refused)}"
 

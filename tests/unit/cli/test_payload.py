@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from common.config.payload import load
+from common.config.payload import Payload
+from forcemesh.yaml_file import read_model
 from tests.fakes import verb_calls
 from tests.fakes.weights import TRUTH, drawn, write_recording
 
@@ -65,7 +66,7 @@ def test_a_fitted_payload_is_checked_on_another_recording(tmp_path) -> None:
     out = tmp_path / "payload.yaml"
     path = write_recording(tmp_path / "a.csv", drawn())
     assert run("fit", path, "--out", out).exit_code == 0
-    assert load(out).mass_kg == pytest.approx(1.5, abs=0.01)
+    assert read_model(Payload, out).mass_kg == pytest.approx(1.5, abs=0.01)
     other = write_recording(tmp_path / "b.csv", drawn(1), "base")
     report = json.loads(run("check", other, "--payload", out, "--json").stdout)
     assert report["wrench_axes"] == "base"

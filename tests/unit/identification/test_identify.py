@@ -6,10 +6,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.payload import NOISE_N, NOISE_NM, SAMPLES_PER_DWELL, CellErrors, attitudes, truth
-from common.config.payload import BiasDrift, Payload, load, save
+from common.config.payload import BiasDrift, Payload, save
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from common.motion.weight import predict, residual
-from forcemesh.errors import DataError
+from forcemesh.errors import ConfigError, DataError
+from forcemesh.yaml_file import read_model
 from identification.identify import axes_of, identify_payload, identify_recording
 from identification.payload_model import level_base
 from identification.recording import Samples
@@ -215,9 +216,9 @@ def test_a_payload_file_round_trips_and_may_leave_out_the_corrections(tmp_path) 
     payload = errors.model_copy(update={"drift": drift})
     path = tmp_path / "payload.yaml"
     save(payload, path)
-    assert load(path) == payload
+    assert read_model(Payload, path) == payload
     path.write_text(GOOD)
-    by_hand = load(path)
+    by_hand = read_model(Payload, path)
     assert (by_hand.mass_kg, by_hand.drift) == (0.1, None)
     assert by_hand.gravity_direction_in_base == (0.0, 0.0, -1.0)
 
@@ -227,22 +228,22 @@ def test_a_payload_file_round_trips_and_may_leave_out_the_corrections(tmp_path) 
     [
         (GOOD.replace("1e-1", ".nan"), "mass_kg: must be a finite number, found nan"),
         (GOOD.replace("1e-1", "-1"), "mass_kg: must be at least 0 kg, found -1 kg"),
-        (GOOD.replace("com_m", "com_mm"), r"unknown key com_mm; did you mean com_m\?"),
+        (GOOD.replace("com_m", "com_mm"), r"com_mm: unknown name; did you mean com_m\?"),
         (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "direction has length 9.8"),
         (GOOD + "force_gain: [1, 1, 3]\n", r"force_gain\.2: must be at most 1\.5, found 3"),
         (
             GOOD + "drift: {start_s: 9, end_s: 9, force_N: [0, 0, 0], torque_Nm: [0, 0, 0]}\n",
             "end_s must be after start_s",
         ),
-        ("- 1\n", "must hold the keys of a payload"),
+        ("- 1\n", "must hold a map"),
     ],
 )
 def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, problem) -> None:
     """Each error names the file, the key and the correct form."""
     path = tmp_path / "payload.yaml"
     path.write_text(text)
-    with pytest.raises(DataError, match=rf"payload\.yaml.*{problem}"):
-        load(path)
+    with pytest.raises(ConfigError, match=rf"(?s)payload\.yaml.*{problem}"):
+        read_model(Payload, path)
 
 
 def test_a_poorly_determined_parameter_is_named():

@@ -212,3 +212,22 @@ def test_a_running_cell_is_not_started_again(cell: CellConfig) -> None:
         Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
     ):
         pass
+
+
+def test_a_helper_that_dies_is_restarted_and_its_death_recorded(cell: CellConfig) -> None:
+    """Also in a cell that is not restarted: a scenario goes on without its panel."""
+    panel = ProcessSpec("test.program", ("panel",), (sys.executable, "-c", SLEEPER), is_helper=True)
+
+    def deaths() -> int:
+        supervisor.restart_exited()
+        run = read_run(cell.cell)
+        entry = run.entry("panel") if run else None
+        return len(entry.deaths) if entry else 0
+
+    with Supervisor(cell, DEMO, processes=[panel]) as supervisor:
+        os.kill(pids_of(cell)[0], signal.SIGKILL)
+        until(deaths)
+        assert supervisor.died == []
+        (pid,) = pids_of(cell)
+        assert is_alive(pid, None)
+    assert not is_alive(pid, None)

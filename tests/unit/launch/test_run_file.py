@@ -19,10 +19,8 @@ from launch.run_file import (
     new_run,
     read_run,
     read_runs,
-    remove_run,
     start_ticks,
     writable_folder,
-    write_run,
 )
 from tests.fakes.bench import CELL
 
@@ -51,19 +49,19 @@ def test_a_run_round_trips() -> None:
         roles=("robot", "sensor"), module="m", pid=7, started_ticks=8, ended=ended
     )
     run = a_run("one").model_copy(update={"processes": [entry], "last_state": "HOLDING"})
-    write_run(run)
+    run.write()
     assert read_run("one") == run
     assert run.entry("sensor") == entry
     assert run.entry("hub") is None
-    remove_run(run)
+    run.remove()
     assert read_run("one") is None
 
 
 def test_live_runs_come_first_and_newer_ones_before_older_ones(folder: Path) -> None:
     """The running cell is the default; a truncated file or a foreign one is ignored."""
-    write_run(a_run("old", started_at="2026-01-01T00:00:00"))
-    write_run(a_run("new", started_at="2026-01-02T00:00:00"))
-    write_run(a_run("over", live=False, started_at="2026-01-03T00:00:00"))
+    a_run("old", started_at="2026-01-01T00:00:00").write()
+    a_run("new", started_at="2026-01-02T00:00:00").write()
+    a_run("over", live=False, started_at="2026-01-03T00:00:00").write()
     (folder / "two.json").write_text('{"cell": "two"')
     (folder / "three.json").write_text("[]")
     assert [run.cell for run in read_runs()] == ["new", "old", "over"]
@@ -93,13 +91,13 @@ def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(CELL))
     assert find_cell_file(None) == default_cell_file()
-    write_run(new_run(CELL, path))
+    new_run(CELL, path).write()
     assert find_cell_file(None) == path
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
     path.write_text("cell: [")
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
     path.write_text(dump_cell(CELL))
-    write_run(new_run(CELL, path).model_copy(update={"as_started": '{"of": "another version"}'}))
+    new_run(CELL, path).model_copy(update={"as_started": '{"of": "another version"}'}).write()
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
     (tmp_path / "other.yaml").write_text("cell: [")
     with pytest.raises(ConfigError):
@@ -150,8 +148,8 @@ def test_the_runtime_folder_of_the_user_comes_first(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
     assert writable_folder() == tmp_path / ".run"
-    write_run(a_run("one"))
+    a_run("one").write()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert writable_folder() == tmp_path / "forcemesh"
-    write_run(a_run("two"))
+    a_run("two").write()
     assert {run.cell for run in read_runs()} == {"one", "two"}

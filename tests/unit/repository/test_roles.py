@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.bus.profile_fit import IMPLEMENTATIONS
+from common.bus.profile_label import IMPLEMENTATIONS
 from forcemesh.topics import HELPERS, ROLE_TABLE, ROLES, Role
 from tests.fakes.compose_file import ROOT, SERVICES, roles_of
 from tests.hostile import client

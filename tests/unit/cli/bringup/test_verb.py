@@ -36,7 +36,7 @@ from common.config.cell import CellConfig
 from common.config.evidence import PROGRAMS, read_evidence
 from common.config.load import cell_hash, dump_cell, load_cell
 from forcemesh.errors import BusError
-from launch.run_file import new_run, write_run
+from launch.run_file import new_run
 from tests.fakes.bench import DEMO
 from tests.fakes.verb_calls import run
 from tools.tree import ROOT
@@ -318,7 +318,7 @@ def test_a_cell_is_up_when_its_hub_or_its_supervisor_is(
     down = situation_of(cell_file)
     assert (down.running, cell_down(down)) == (None, "")
     assert f"`forcemesh up --cell {cell_file}`" in cell_up(down)
-    write_run(new_run(load_cell(cell_file), cell_file))  # this test is the supervisor
+    new_run(load_cell(cell_file), cell_file).write()  # this test is the supervisor
     up = situation_of(cell_file)
     assert up.running == RunningCell("", None)
     assert "Ctrl-C" in cell_down(up)

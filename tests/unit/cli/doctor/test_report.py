@@ -40,7 +40,7 @@ from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from launch.run_file import FOLDER_VARIABLE, new_run, write_run
+from launch.run_file import FOLDER_VARIABLE, new_run
 from services.gateway.connection import robot_status
 from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
@@ -308,7 +308,7 @@ def test_while_the_cell_is_up_the_controller_is_not_contacted(
     """With the run file of a live supervisor there is no second client, even without a hub."""
     with served() as controller:
         path = cell_file(controller.port)
-        write_run(new_run(load_cell(path), path))  # this test is the supervisor
+        new_run(load_cell(path), path).write()  # this test is the supervisor
         code, words = run(path)
         assert (code, words["bus"], "address" in words) == (NO_ANSWER, "FAIL", False)
         assert controller.machine.tcp.sockets == ()

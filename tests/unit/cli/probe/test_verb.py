@@ -9,7 +9,9 @@ import yaml
 
 from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
 from cli.probe import verb as probe_verb
-from common.config.load import dump_cell, load_cell, read_probe
+from common.config.load import dump_cell, load_cell
+from common.config.probe import ProbeFile
+from forcemesh.yaml_file import read_model
 from sim.controller.behaviour import Behaviour
 from tests.fakes.probed_controller import TEXT, ProbedController
 from tests.fakes.verb_calls import run
@@ -45,7 +47,7 @@ def test_all_stages_write_a_file_that_cell_and_emulator_read(
     assert done.exit_code == OK, done.output
     assert "lines of forcemesh.as give what they must" in done.stdout
     assert (tmp_path / "probe.before.yaml").read_text() == "before\n"
-    file = read_probe(out)
+    file = read_model(ProbeFile, out)
     assert (file.controller, file.address) == ("F60", "127.0.0.1:49152")
     assert file.stages == ("a", "b", "c")
     assert file.gateway.least_segment_s == pytest.approx(0.08, rel=0.1)
@@ -70,7 +72,7 @@ def test_without_a_yes_nothing_moves_and_the_rest_is_written(
     assert done.exit_code == REFUSED
     assert "nothing has moved" in done.output
     assert "emergency stop" in done.output
-    assert read_probe(out).stages == ("a", "b")
+    assert read_model(ProbeFile, out).stages == ("a", "b")
     assert controller.machine.hardware.motions == 0
 
 
@@ -104,7 +106,7 @@ def test_what_was_measured_before_a_failure_is_written(
     assert done.exit_code == NOT_WELL
     assert "must type fp.ok=1" in done.output.splitlines()[-1]
     assert "stage a: not a result: m speed" in done.stderr
-    assert read_probe(out).stages == ("a", "b")
+    assert read_model(ProbeFile, out).stages == ("a", "b")
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(

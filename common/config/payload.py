@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import yaml
 from pydantic import (
     AfterValidator,
-    BaseModel,
     Field,
     ValidationError,
     field_validator,
@@ -32,6 +31,7 @@ MOVED = (
     "gravity_direction_in_base is a key of the cell, not of its payload: write it at "
     "the top level of the cell file"
 )
+FORMER_KEYS = ("torque_gain", "drift")
 
 
 def _of_unit_length(direction: Vec3) -> Vec3:
@@ -47,28 +47,6 @@ ForcePart = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # [N] of a bias
 TorquePart = Annotated[float, Field(ge=-100.0, le=100.0)]  # [N m] of a bias
 BiasForce = tuple[ForcePart, ForcePart, ForcePart]
 BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
-Gains = tuple[AxisGain, AxisGain, AxisGain]
-
-
-class BiasDrift(ConfigSection):
-    """Bias drift during the recording of a fit: for readings near that time, not at run time.
-
-    The first two are start and end on the clock of the recording. `force_N` and `torque_Nm` are the
-    change of the bias between them, the bends its deviation from a straight line in between.
-    """
-
-    start_s: float
-    end_s: float
-    force_N: BiasForce
-    torque_Nm: BiasTorque
-    force_bend_N: BiasForce = (0.0, 0.0, 0.0)
-    torque_bend_Nm: BiasTorque = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _end_is_after_start(self) -> "BiasDrift":
-        if self.end_s <= self.start_s:
-            raise ValueError("end_s must be after start_s")
-        return self
 
 
 class Payload(ConfigSection):
@@ -76,9 +54,7 @@ class Payload(ConfigSection):
 
     The fields with defaults are corrections that a fit may identify; their defaults correct
     nothing. `mounting_rotation_rad` is a rotation vector w: R_base_true = R_base_recorded
-    @ exp([w]x), and all other fields and all readings are in the axes of the true sensor. The bias
-    is that at the end of the recording; `drift` corrects earlier readings and has no effect without
-    a time.
+    @ exp([w]x), and all other fields and all readings are in the axes of the true sensor.
     """
 
     mass_kg: float = Field(ge=0.0, le=50.0)
@@ -87,10 +63,15 @@ class Payload(ConfigSection):
     bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Direction = DOWN  # identified, tilt of the base included
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
-    force_gain: Gains = (1.0, 1.0, 1.0)  # reading of each axis per unit of load
-    torque_gain: Gains = (1.0, 1.0, 1.0)
-    drift: BiasDrift | None = None
+    force_gain: tuple[AxisGain, AxisGain, AxisGain] = (1.0, 1.0, 1.0)  # reading per unit of load
     accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_former_key(cls, values: object) -> object:
+        if mistake := _former_key(values):
+            raise ValueError(mistake)
+        return values
 
     @field_validator("mass_kg", mode="before")
     @classmethod
@@ -150,7 +131,7 @@ def load(path: Path) -> Payload:
         raise DataError(f"{path}: {error}") from error
     if not isinstance(data, dict):
         raise DataError(f"{path}: must hold the keys of a payload, such as mass_kg: 1.5")
-    if mistake := _unknown_key(data, Payload) or _unknown_key(data.get("drift"), BiasDrift):
+    if mistake := _former_key(data) or _unknown_key(data):
         raise DataError(f"{path}: {mistake}")
     try:
         return Payload.model_validate(data)
@@ -158,10 +139,18 @@ def load(path: Path) -> Payload:
         raise DataError(f"{path}: {first_mistake(error).text}") from error
 
 
-def _unknown_key(data: Any, model: type[BaseModel]) -> str:
-    """Return the first key that a model does not have, with the one that is meant."""
-    known = model.model_fields
-    for key in data if isinstance(data, dict) else ():
+def _former_key(values: object) -> str:
+    """Return the mistake of a key that a payload of an earlier version had."""
+    former = [key for key in FORMER_KEYS if isinstance(values, dict) and key in values]
+    if not former:
+        return ""
+    return f"{former[0]} is not corrected any more: calibrate again, with `forcemesh calibrate`"
+
+
+def _unknown_key(data: dict[Any, Any]) -> str:
+    """Return the first key that a payload does not have, with the one that is meant."""
+    known = Payload.model_fields
+    for key in data:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.payload import CellErrors, attitudes, read, truth
+from bench.payload import CellErrors, attitudes, drifted, read, truth
 from common.config.payload import Payload
 from common.motion.frames import Array, Oat, R_from_oat
 from identification.installation.terms import ExpectedInstallation
@@ -63,6 +63,7 @@ def readings(
     while True:
         time_s = np.linspace(0.0, 300.0, poses)
         samples = read(payload, attitudes(rng, poses), time_s, rng)
+        samples = samples if world is None else drifted(samples, world, rng)
         if carries_a_fit(sort_into_poses(samples)):
             break
     bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)

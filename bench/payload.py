@@ -257,7 +257,7 @@ def trial(world: CellErrors, seed: int) -> tuple[Array, dict[str, Array]]:
     for name, (key, std_key) in PARAMETERS.items():
         off = np.subtract(getattr(found.payload, key), getattr(real, key))
         z[name] = np.atleast_1d(off / np.array(found.std[std_key]))
-    solution = found.chosen.solution
+    solution = found.chosen
     down = np.array(found.payload.gravity_direction_in_base)
     tilt = perpendicular_axes(down).T @ np.cross(down, real.gravity_direction_in_base)
     mounting = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)
@@ -317,7 +317,7 @@ def _fit(name: str, samples: Samples, weight: Array) -> Payload:
         return PEERS[name](samples)
     poses = sort_into_poses(samples)
     weighted = type(poses)(poses.means, weight, poses.first_row)
-    return payload_of(chosen_candidate(fitted_candidates(weighted, np.array(DOWN))).solution)
+    return payload_of(chosen_candidate(fitted_candidates(weighted, np.array(DOWN))))
 
 
 def measure(options: Options) -> Tables:

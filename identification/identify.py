@@ -15,10 +15,10 @@ from forcemesh.messages import Vec3
 from identification.excitation.pose_choice import NextPose, next_pose
 from identification.model_selection import (
     CLEAR_RATIO,
-    Candidate,
     chosen_candidate,
     fitted_candidates,
     found_gravity,
+    score,
 )
 from identification.payload_fit import FLOOR, PLACES, PRIOR_STD, Solution, conditioning
 from identification.recording import BOTH_AXES, Poses, Samples, WrenchAxes, WrenchRecording
@@ -26,7 +26,6 @@ from identification.static_poses import Rejected, check_poses, screen_samples
 from identification.verification import Residual, residual_of
 
 POOR_CONDITIONING = 10.0
-LEAST_MASS_KG = 1e-4
 LARGEST_LEVER_M = 1.0
 REVERSED_COSINE = -0.5  # between identified and nominal gravity
 # Change of the bias over a recording, at most: it leaves half of it at either end.
@@ -52,8 +51,8 @@ class Identification:
 
     payload: Payload
     std: dict[str, Any]
-    chosen: Candidate
-    candidates: tuple[Candidate, ...]
+    chosen: Solution
+    candidates: tuple[Solution, ...]
     conditioning: float
     rejected: tuple[Rejected, ...]
     first_row: npt.NDArray[np.intp]
@@ -79,8 +78,8 @@ class _Fit(NamedTuple):
     rejected: tuple[Rejected, ...]
     nominal_down: Array
     down_in_base: Array  # the nominal direction, or the one that was found in place of it
-    candidates: tuple[Candidate, ...]
-    chosen: Candidate
+    candidates: tuple[Solution, ...]
+    chosen: Solution
 
 
 def identify_payload(samples: Samples, down_in_base: Vec3 = DOWN) -> Identification:
@@ -163,23 +162,19 @@ def _fit(samples: Samples, nominal_down: Vec3) -> _Fit:
         raise DataError(f"{error}{omitted}") from error
     candidates = fitted_candidates(poses, down, found=found is not None)
     chosen = chosen_candidate(candidates)
-    mass_kg, std_kg = chosen.solution.x[0], chosen.solution.std("mass")[0]
-    if mass_kg < max(3.0 * std_kg, LEAST_MASS_KG):
-        raise DataError(
-            f"the recording shows no weight: mass {mass_kg:.4f} kg, "
-            f"standard deviation {std_kg:.4f} kg; check that the wrench columns are live"
-        )
+    _require_weight(chosen)
     return _Fit(poses, rejected, nominal, down, candidates, chosen)
 
 
 def _identification(fit: _Fit) -> Identification:
     """Return the result of a fit. Raises DataError for a drift, or an impossible payload."""
     poses, candidates, chosen = fit.poses, fit.candidates, fit.chosen
-    if "drift" in chosen.solution.errors:
-        _refuse_drift(chosen.solution, poses)
-        candidates = tuple(each for each in candidates if "drift" not in each.solution.errors)
+    if "drift" in chosen.errors:
+        _refuse_drift(chosen, poses)
+        candidates = tuple(each for each in candidates if "drift" not in each.errors)
         chosen = chosen_candidate(candidates)
-    payload, std = payload_of(chosen.solution), deviations(chosen.solution)
+        _require_weight(chosen)
+    payload, std = payload_of(chosen), deviations(chosen)
     lever_m = hypot(*payload.com_m)
     if lever_m > LARGEST_LEVER_M:
         raise DataError(
@@ -198,10 +193,18 @@ def _identification(fit: _Fit) -> Identification:
         first_row=poses.first_row,
         residual=residual_of(payload, poses.means),
         uncertain=_uncertain_parameters(std),
-        undetermined=_undetermined_parameters(chosen.solution),
-        next_pose=next_pose(chosen.solution),
+        undetermined=_undetermined_parameters(chosen),
+        next_pose=next_pose(chosen),
         warnings=_warnings(payload, fit.nominal_down, found),
     )
+
+
+def _require_weight(solution: Solution) -> None:
+    if not solution.weighs:
+        raise DataError(
+            f"the recording shows no weight: mass {solution.x[0]:.4f} kg, standard deviation "
+            f"{solution.std('mass')[0]:.4f} kg; check that the wrench columns are live"
+        )
 
 
 def _refuse_drift(solution: Solution, poses: Poses) -> None:
@@ -259,7 +262,7 @@ def _residual_rms(samples: Samples, payload: Payload) -> Array:
 
 def _clear_axes(fits: dict[WrenchAxes, _Fit], source: str) -> tuple[WrenchAxes, str]:
     """Return the axes that fit far better, and the reason. Raises DataError if none do."""
-    best = min(fits, key=lambda axes: fits[axes].chosen.score)
+    best = min(fits, key=lambda axes: score(fits[axes].chosen))
     found = ", ".join(f"{_rms_text(fit)} in {axes} axes" for axes, fit in fits.items())
     if len(fits) == 2 and _residual_ratio(fits["sensor"], fits["base"]) < CLEAR_RATIO:
         raise DataError(
@@ -276,13 +279,13 @@ def _axes_warnings(fits: dict[WrenchAxes, _Fit], axes: WrenchAxes) -> list[str]:
         f"rms residual {_rms_text(fit)} in {axes} axes, but only {_rms_text(rival)} "
         f"in {other_axes} axes: use --wrench-axes {other_axes}"
         for other_axes, rival in fits.items()
-        if rival.chosen.score < fit.chosen.score and _residual_ratio(fit, rival) >= CLEAR_RATIO
+        if score(rival.chosen) < score(fit.chosen) and _residual_ratio(fit, rival) >= CLEAR_RATIO
     ]
 
 
 def _residual_ratio(a: _Fit, b: _Fit) -> float:
     """Return the ratio of the residuals of worse and better fit (geometric mean)."""
-    small, large = sorted((a.chosen.score, b.chosen.score))
+    small, large = sorted((score(a.chosen), score(b.chosen)))
     return float(np.sqrt(large / small))
 
 

@@ -1,7 +1,6 @@
 """Errors of the cell that a payload fit includes: those that predict left-out poses better."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -25,48 +24,25 @@ FAR_COSINE = np.cos(np.radians(10.0))  # farther directions are not found from t
 CLEAR_RATIO = 2.0  # of residuals, at which one choice is clear
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One fit. Rms of the norms of the poses' residuals, force [N] and torque [N m], shape (2,).
+def score(solution: Solution) -> float:
+    """Return the product of force and torque error on left-out poses, independent of units."""
+    left_out = solution.left_out_rms
+    found = left_out if np.isfinite(left_out).all() else solution.rms
+    return float(np.prod(np.maximum(found, FLOOR)))
 
-    `left_out` is that on poses left out of the fit, infinite if the others are insufficient.
-    """
 
-    solution: Solution
-    rms: Array
-    left_out: Array
-
-    @property
-    def name(self) -> str:
-        """Return the errors that it fits, joined by plus signs."""
-        return "+".join(self.solution.errors) or "plain"
-
-    @property
-    def score(self) -> float:
-        """Return the product of force and torque error on left-out poses, independent of units."""
-        found = self.left_out if np.isfinite(self.left_out).all() else self.rms
-        return float(np.prod(np.maximum(found, FLOOR)))
-
-    @property
-    def weighs(self) -> bool:
-        """Return whether its mass exceeds three standard deviations."""
-        return bool(self.solution.x[0] >= 3.0 * self.solution.std("mass")[0])
-
-    @property
-    def cost(self) -> float:
-        """Return the score, raised for each error that it fits; infinite if it must not be used."""
-        errors = len(self.solution.errors)
-        is_unusable = errors > 0 and not (
-            self.solution.converged and np.isfinite(self.left_out).all()
-        )
-        if is_unusable or not self.weighs:
-            return float("inf")
-        return self.score / PRICE ** (2 * errors)
+def cost(solution: Solution) -> float:
+    """Return the score, raised for each error that it fits; infinite if it must not be used."""
+    errors = len(solution.errors)
+    is_sound = solution.converged and bool(np.isfinite(solution.left_out).all())
+    if (errors and not is_sound) or not solution.weighs:
+        return float("inf")
+    return score(solution) / PRICE ** (2 * errors)
 
 
 def fitted_candidates(
     poses: Poses, down_in_base: Array, *, found: bool = False
-) -> tuple[Candidate, ...]:
+) -> tuple[Solution, ...]:
     """Fit each combination of errors that the poses support, the smallest first.
 
     Args:
@@ -87,14 +63,14 @@ def fitted_candidates(
     candidates = []
     for errors in models:
         starts = [nominal, far] if far and "mounting" in errors else [nominal]
-        fits = [_candidate(solve(poses, errors, start)) for start in starts]
-        candidates.append(min(fits, key=lambda each: (each.cost, each.score)))
+        fits = [solve(poses, errors, start) for start in starts]
+        candidates.append(min(fits, key=lambda fit: (cost(fit), score(fit))))
     return tuple(candidates)
 
 
-def chosen_candidate(candidates: Sequence[Candidate]) -> Candidate:
+def chosen_candidate(candidates: Sequence[Solution]) -> Solution:
     """Return the candidate of the lowest cost, the smallest one if none may be used."""
-    return min(candidates, key=lambda each: each.cost)
+    return min(candidates, key=cost)
 
 
 def found_gravity(poses: Poses, down_in_base: Array) -> Array | None:
@@ -120,11 +96,3 @@ def _far_mounting(poses: Poses, nominal: Directions) -> Directions | None:
     if (np.trace(R_mount) - 1.0) / 2.0 > FAR_COSINE:
         return None
     return Directions(sign * nominal.down_in_base, R_mount)
-
-
-def _candidate(solution: Solution) -> Candidate:
-    rms, left_out = (
-        np.sqrt((each**2).sum(axis=2).mean(axis=1))
-        for each in (solution.residual, solution.left_out)
-    )
-    return Candidate(solution, rms, left_out)

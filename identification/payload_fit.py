@@ -44,6 +44,7 @@ FLOOR = np.array([1e-6, 1e-8])  # [N], [N m]
 # Six poses with twenty unknowns hardly determine the noise: one pseudo-observation with the noise
 # of a good sensor regularises it.
 QUIET = np.array([2e-3, 1e-4])
+LEAST_MASS_KG = 1e-4
 ITERATIONS = 60
 CONVERGED = 1e-7
 RANK_TOLERANCE = 1e-13  # of eigenvalues: the squares of the singular values
@@ -87,6 +88,26 @@ class Solution:
     def std(self, name: str) -> Array:
         """Return the standard deviation of the unknowns of this name."""
         return np.asarray(np.sqrt(np.diag(self.covariance)[PLACES[name]]))
+
+    @property
+    def name(self) -> str:
+        """Return the errors that it fits, joined by plus signs."""
+        return "+".join(self.errors) or "plain"
+
+    @property
+    def weighs(self) -> bool:
+        """Return whether its mass exceeds three standard deviations."""
+        return bool(self.x[0] >= max(3.0 * self.std("mass")[0], LEAST_MASS_KG))
+
+    @property
+    def rms(self) -> Array:
+        """Return the rms of the norms of the residuals, of force and torque. Shape (2,)."""
+        return _rms(self.residual)
+
+    @property
+    def left_out_rms(self) -> Array:
+        """Return that at left-out poses; infinite if the other poses are insufficient."""
+        return _rms(self.left_out)
 
 
 class _NormalEquations:
@@ -217,6 +238,10 @@ def perpendicular_axes(direction: Array) -> Array:
     first = cross_matrix[:, int(np.argmin(np.abs(direction)))]
     first = first / np.linalg.norm(first)
     return np.stack([first, cross_matrix @ first], axis=1)
+
+
+def _rms(residual: Array) -> Array:
+    return np.asarray(np.sqrt((residual**2).sum(axis=2).mean(axis=1)))
 
 
 def _noise(residual: Array, weight: Array, unknowns: Array) -> Array:

@@ -7,7 +7,8 @@ import numpy as np
 
 from common.config.payload import Payload
 from identification.identify import Identification
-from identification.model_selection import Candidate
+from identification.model_selection import cost
+from identification.payload_fit import Solution
 from identification.recording import WrenchAxes, WrenchRecording
 from identification.verification import Residual, residual_of
 
@@ -24,8 +25,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         **fit.payload.model_dump(exclude={"accept_uncalibrated"}),
         **fit.std,
         "conditioning": fit.conditioning,
-        "noise_force_N": float(fit.chosen.solution.noise[0]),
-        "noise_torque_Nm": float(fit.chosen.solution.noise[1]),
+        "noise_force_N": float(fit.chosen.noise[0]),
+        "noise_torque_Nm": float(fit.chosen.noise[1]),
         **_residual_report(fit.residual),
         **_candidate_report(fit.chosen),
         "residuals": [
@@ -38,7 +39,7 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
                 **_candidate_report(candidate),
                 "used": candidate is fit.chosen,
             }
-            for candidate in sorted(fit.candidates, key=lambda each: each.cost)
+            for candidate in sorted(fit.candidates, key=cost)
         ],
         "rejected": [
             {"reason": r.reason, "lines": [recording.line[row] for row in r.rows]}
@@ -73,8 +74,8 @@ def _residual_report(residual: Residual) -> dict[str, float]:
     }
 
 
-def _candidate_report(candidate: Candidate) -> dict[str, float | None]:
-    (rms_N, rms_Nm), (left_out_N, left_out_Nm) = candidate.rms, candidate.left_out
+def _candidate_report(candidate: Solution) -> dict[str, float | None]:
+    (rms_N, rms_Nm), (left_out_N, left_out_Nm) = candidate.rms, candidate.left_out_rms
     return {
         "rms_force_N": float(rms_N),
         "rms_torque_Nm": float(rms_Nm),

@@ -82,7 +82,7 @@ def test_tilt_and_mounting_are_found_where_twelve_poses_show_them(
     if error == "tilt":
         real = truth(CellErrors(tilt_deg=angle_deg), rng)
     found = identify_payload(readings(real, attitudes(rng, 12), rng))
-    assert error in found.chosen.solution.errors
+    assert error in found.chosen.errors
     R = attitudes(rng, 100)
     force_N, torque_Nm = predict(real, R)
     left = residual(found.payload, R, force_N=force_N, torque_Nm=torque_Nm)

@@ -6,7 +6,7 @@ the others.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -24,11 +24,10 @@ from common.motion.frames import (
     vector_from_rotation,
 )
 from common.motion.weight import predict, residual
-from forcemesh.errors import DataError
 from identification.identify import identify_payload, identify_recording, payload_of
 from identification.model_selection import chosen_candidate, fitted_candidates
 from identification.payload_fit import perpendicular_axes
-from identification.recording import Samples, read_recording
+from identification.recording import Poses, Samples, read_recording
 from identification.static_poses import carries_a_fit, sort_into_poses
 
 
@@ -136,31 +135,29 @@ def truth(world: CellErrors, rng: np.random.Generator) -> Payload:
     return LEVEL.model_copy(update=errors_of_cell)
 
 
-def drifted(samples: Samples, world: CellErrors, rng: np.random.Generator) -> Samples:
-    """Return readings whose bias drifts in time, over ten minutes, by the error of the cell."""
-    if samples.time_s is None:
-        return samples
-    drift_N, drift_Nm = world.drift * rng.normal(size=(2, 3)) * np.array([[DRIFT_N], [DRIFT_NM]])
-    share = samples.time_s[:, None] / DURATION_S - 1.0
-    return replace(
-        samples,
-        force_N=samples.force_N + share * drift_N,
-        torque_Nm=samples.torque_Nm + share * drift_Nm,
-    )
-
-
 def attitudes(rng: np.random.Generator, n: int) -> Array:
     """Return n uniformly random rotations. Shape (n, 3, 3)."""
     return np.array([R_from_quaternion(q) for q in rng.normal(size=(n, 4))])
 
 
-def read(payload: Payload, R: Array, time_s: Array, rng: np.random.Generator | None) -> Samples:
-    """Return the mean reading of each dwell, noisy when there is a generator."""
+def read(
+    payload: Payload,
+    R: Array,
+    time_s: Array,
+    rng: np.random.Generator | None,
+    *,
+    drift: float = 0.0,
+) -> Samples:
+    """Return the mean reading of each dwell; with a generator, noisy, and drifting if asked to."""
     force, torque = predict(payload, R)
     if rng is not None:
         few = np.sqrt(SAMPLES_PER_DWELL)
         force = force + NOISE_N / few * rng.normal(size=force.shape)
         torque = torque + NOISE_NM / few * rng.normal(size=torque.shape)
+        if drift:
+            share = drift * (time_s[:, None] / DURATION_S - 1.0)
+            force = force + DRIFT_N * share * rng.normal(size=3)
+            torque = torque + DRIFT_NM * share * rng.normal(size=3)
     return Samples(R, force, torque, time_s)
 
 
@@ -300,11 +297,8 @@ def left_out(path: Path) -> Iterator[Row]:
     for name in (*PEERS, "ours"):
         left = []
         for pose in range(len(poses)):
-            kept = np.setdiff1d(np.arange(len(poses)), [pose])
-            try:
-                payload = _fit(name, poses.means[kept], poses.weight[kept])
-            except DataError:
-                continue
+            others = poses[np.setdiff1d(np.arange(len(poses)), [pose])]
+            payload = PEERS[name](others.means) if name in PEERS else _ours(others)
             left.append(errors(payload, poses.means[np.array([pose])]))
         found = np.array(left)
         mean, rms = found.mean(axis=0), np.sqrt((found**2).mean(axis=0))
@@ -312,12 +306,8 @@ def left_out(path: Path) -> Iterator[Row]:
         yield {"method": name, "mean_N": mean[0], "rms_N": rms[0], **in_mN_m, "poses": len(found)}
 
 
-def _fit(name: str, samples: Samples, weight: Array) -> Payload:
-    if name in PEERS:
-        return PEERS[name](samples)
-    poses = sort_into_poses(samples)
-    weighted = type(poses)(poses.means, weight, poses.first_row)
-    return payload_of(chosen_candidate(fitted_candidates(weighted, np.array(DOWN))))
+def _ours(poses: Poses) -> Payload:
+    return payload_of(chosen_candidate(fitted_candidates(poses, np.array(DOWN))))
 
 
 def measure(options: Options) -> Tables:

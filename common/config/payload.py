@@ -31,7 +31,6 @@ MOVED = (
     "gravity_direction_in_base is a key of the cell, not of its payload: write it at "
     "the top level of the cell file"
 )
-FORMER_KEYS = ("torque_gain", "drift")
 
 
 def _of_unit_length(direction: Vec3) -> Vec3:
@@ -141,10 +140,10 @@ def load(path: Path) -> Payload:
 
 def _former_key(values: object) -> str:
     """Return the mistake of a key that a payload of an earlier version had."""
-    former = [key for key in FORMER_KEYS if isinstance(values, dict) and key in values]
-    if not former:
-        return ""
-    return f"{former[0]} is not corrected any more: calibrate again, with `forcemesh calibrate`"
+    for key in ("torque_gain", "drift"):
+        if isinstance(values, dict) and key in values:
+            return f"{key} is not corrected any more: calibrate again, with `forcemesh calibrate`"
+    return ""
 
 
 def _unknown_key(data: dict[Any, Any]) -> str:

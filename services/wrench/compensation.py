@@ -88,7 +88,7 @@ class Compensation:
         self._com_m, self._mass_kg = payload.com_m, payload.mass_kg
         self._g_m_s2 = [GRAVITY_M_S2 * part for part in payload.gravity_direction_in_base]
         self._bias = payload.bias_force_N + payload.bias_torque_Nm
-        self._to_load = [*(1.0 / gain for gain in payload.force_gain), 1.0, 1.0, 1.0]
+        self._to_load = [1.0 / gain for gain in payload.force_gain] + [1.0] * 3
 
     def at_tcp(
         self,

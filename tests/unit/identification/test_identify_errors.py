@@ -12,7 +12,6 @@ from bench.payload import (
     CellErrors,
     attitudes,
     compared,
-    drifted,
     plain_fit,
     read,
     recording,
@@ -106,8 +105,7 @@ def test_a_drift_is_refused_with_its_size_and_the_remedy(course) -> None:
 def test_a_drift_is_refused_in_the_axes_of_the_wrench() -> None:
     """The other axes, in which the recording is no weight, are not taken for the right ones."""
     rng = np.random.default_rng(8)
-    samples = read(TRUTH, attitudes(rng, 10), 10.0 * np.arange(10.0), rng)
-    samples = drifted(samples, CellErrors(drift=3.0), rng)
+    samples = read(TRUTH, attitudes(rng, 10), 60.0 * np.arange(10.0), rng, drift=3.0)
     for axes in ("sensor", "base"):
         with pytest.raises(DataError, match=r"made\.csv: the bias of the sensor drifted"):
             identify_recording(as_recording(samples, axes), None)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.harness import CaseTable, Options, Tables, grouped, largest
 from bench.results import Row
-from common.config.payload import DOWN, BiasDrift, Payload
+from common.config.payload import DOWN, Payload
 from common.motion.convert import vec3
 from common.motion.frames import (
     GRAVITY_M_S2,
@@ -23,13 +23,11 @@ from common.motion.frames import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from common.motion.weight import bias_since_end, predict, residual
-from forcemesh.errors import DataError
-from identification.estimates import payload_of
-from identification.identify import identify_payload, identify_recording
-from identification.model_selection import fitted_candidates
-from identification.payload_model import perpendicular_axes, skew_matrices
-from identification.recording import Samples, read_recording
+from common.motion.weight import predict, residual
+from identification.identify import identify_payload, identify_recording, payload_of
+from identification.model_selection import chosen_candidate, fitted_candidates
+from identification.payload_fit import perpendicular_axes
+from identification.recording import Poses, Samples, read_recording
 from identification.static_poses import carries_a_fit, sort_into_poses
 
 
@@ -46,7 +44,9 @@ def plain_fit(
     R_mount = np.eye(3) if R_mount is None else R_mount
     g_s = np.swapaxes(samples.R_base_sensor @ R_mount, 1, 2) @ (GRAVITY_M_S2 * down)
     mass, *bias_N = _with_bias(g_s[:, :, None], samples.force_N)
-    moment, bias_Nm = np.split(_with_bias(-skew_matrices(g_s), samples.torque_Nm), 2)
+    moment, bias_Nm = np.split(
+        _with_bias(np.cross(g_s[:, None, :], np.eye(3)), samples.torque_Nm), 2
+    )
     return Payload(
         mass_kg=max(float(mass), 1e-6),
         com_m=vec3(moment / max(float(mass), 1e-6)),
@@ -103,7 +103,7 @@ LEVEL = Payload(
 
 @dataclass(frozen=True, slots=True)
 class CellErrors:
-    """Errors of the cell: tilt and mounting [degrees], gain and drift as multiples."""
+    """Errors of the cell: tilt and mounting [degrees], gain of force and drift as multiples."""
 
     tilt_deg: float = 0.0
     mounting_deg: float = 0.0
@@ -116,28 +116,21 @@ WORLDS = {
     "tilt 1 deg": CellErrors(tilt_deg=1.0),
     "mounting 1 deg": CellErrors(mounting_deg=1.0),
     "gain 3 %": CellErrors(gain=1.0),
-    "drift 1 N, 50 mNm": CellErrors(drift=1.0),
-    "all of them": CellErrors(1.0, 1.0, 1.0, 1.0),
+    "all of them": CellErrors(1.0, 1.0, 1.0),
 }
 
 
 def truth(world: CellErrors, rng: np.random.Generator) -> Payload:
-    """Return the payload of one cell: errors of the given size, in random directions."""
+    """Return the payload of one cell: errors of the given size, in random directions, no drift."""
     heading = rng.uniform(0.0, 2.0 * np.pi)
     axis = rng.normal(size=3)
     lean = np.radians(world.tilt_deg) * np.array([np.cos(heading), np.sin(heading), 0.0])
-    gains = 1.0 + world.gain * GAIN_ERROR * rng.normal(size=(2, 3))
-    drifts = world.drift * rng.normal(size=(2, 3)) * np.array([[DRIFT_N], [DRIFT_NM]])
+    gains = 1.0 + world.gain * GAIN_ERROR * rng.normal(size=3)
     mounting = np.radians(world.mounting_deg) * axis / np.linalg.norm(axis)
-    drift = BiasDrift(
-        start_s=0.0, end_s=DURATION_S, force_N=vec3(drifts[0]), torque_Nm=vec3(drifts[1])
-    )
     errors_of_cell = {
         "gravity_direction_in_base": vec3(rotation_from_vector(lean) @ np.array(DOWN)),
         "mounting_rotation_rad": vec3(mounting),
-        "force_gain": vec3(gains[0]),
-        "torque_gain": vec3(gains[1]),
-        "drift": drift,
+        "force_gain": vec3(gains),
     }
     return LEVEL.model_copy(update=errors_of_cell)
 
@@ -147,16 +140,24 @@ def attitudes(rng: np.random.Generator, n: int) -> Array:
     return np.array([R_from_quaternion(q) for q in rng.normal(size=(n, 4))])
 
 
-def read(payload: Payload, R: Array, time_s: Array, rng: np.random.Generator | None) -> Samples:
-    """Return the mean reading of each dwell, noisy when there is a generator."""
+def read(
+    payload: Payload,
+    R: Array,
+    time_s: Array,
+    rng: np.random.Generator | None,
+    *,
+    drift: float = 0.0,
+) -> Samples:
+    """Return the mean reading of each dwell; with a generator, noisy, and drifting if asked to."""
     force, torque = predict(payload, R)
-    if payload.drift is not None:
-        d_F, d_M = bias_since_end(payload.drift, time_s)
-        force, torque = force + d_F, torque + d_M
     if rng is not None:
         few = np.sqrt(SAMPLES_PER_DWELL)
         force = force + NOISE_N / few * rng.normal(size=force.shape)
         torque = torque + NOISE_NM / few * rng.normal(size=torque.shape)
+        if drift:
+            share = drift * (time_s[:, None] / DURATION_S - 1.0)
+            force = force + DRIFT_N * share * rng.normal(size=3)
+            torque = torque + DRIFT_NM * share * rng.normal(size=3)
     return Samples(R, force, torque, time_s)
 
 
@@ -184,7 +185,6 @@ def errors(payload: Payload, samples: Samples) -> Array:
         samples.R_base_sensor,
         force_N=samples.force_N,
         torque_Nm=samples.torque_Nm,
-        time_s=samples.time_s,
     )
     return np.array([np.linalg.norm(v, axis=1).mean() for v in left])
 
@@ -202,7 +202,7 @@ def compared(world: CellErrors, poses: int, seeds: int) -> tuple[dict[str, Array
         for name, fit in PEERS.items():
             found[name].append(errors(fit(train), others))
         ours = identify_payload(train)
-        models[ours.chosen.model.name] += 1
+        models[ours.chosen.name] += 1
         found["ours"].append(errors(ours.payload, others))
     return {name: np.array(values) for name, values in found.items()}, models
 
@@ -230,8 +230,12 @@ RATED = ("LSM-short_N", "ours_N", "LSM-short_mN_m", "ours_mN_m", "force_ratio", 
 
 TRIALS, ORIENTATIONS, TRIAL_POSES = 500, 200, 10
 TRIED = {"no error": CellErrors(), "tilt, mounting 1 deg": CellErrors(1.0, 1.0)}
-PARAMETERS = {"mass": "mass_kg", "com": "com_m", "bias_force": "bias_force_N",
-              "bias_torque": "bias_torque_Nm"}  # fmt: skip
+PARAMETERS = {
+    "mass": ("mass_kg", "mass_std_kg"),
+    "com": ("com_m", "com_std_m"),
+    "bias_force": ("bias_force_N", "bias_force_std_N"),
+    "bias_torque": ("bias_torque_Nm", "bias_torque_std_Nm"),
+}
 
 
 def trial(world: CellErrors, seed: int) -> tuple[Array, dict[str, Array]]:
@@ -245,14 +249,12 @@ def trial(world: CellErrors, seed: int) -> tuple[Array, dict[str, Array]]:
     train, _ = recording(real, TRIAL_POSES, 0, rng)
     found = identify_payload(train)
     R = attitudes(rng, ORIENTATIONS)
-    now = np.full(ORIENTATIONS, real.drift.end_s if real.drift else 0.0)
-    left = errors(found.payload, read(real, R, now, None))
+    left = errors(found.payload, read(real, R, np.zeros(ORIENTATIONS), None))
     z = {}
-    for name, key in PARAMETERS.items():
+    for name, (key, std_key) in PARAMETERS.items():
         off = np.subtract(getattr(found.payload, key), getattr(real, key))
-        z[name] = np.atleast_1d(off / np.array(getattr(found.std, key)))
-    solution = found.chosen.solution
-    std, places = np.sqrt(np.diag(solution.covariance)), solution.model.places
+        z[name] = np.atleast_1d(off / np.array(found.std[std_key]))
+    solution = found.chosen
     down = np.array(found.payload.gravity_direction_in_base)
     tilt = perpendicular_axes(down).T @ np.cross(down, real.gravity_direction_in_base)
     mounting = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)
@@ -260,7 +262,8 @@ def trial(world: CellErrors, seed: int) -> tuple[Array, dict[str, Array]]:
         ("tilt", tilt, world.tilt_deg), ("mounting", mounting, world.mounting_deg)
     ):  # fmt: skip
         if is_there:
-            z[name] = off / std[places[name]] if name in places else np.full(len(off), np.inf)
+            fitted = name in solution.errors
+            z[name] = off / solution.std(name) if fitted else np.full(len(off), np.inf)
     return left, z
 
 
@@ -294,11 +297,8 @@ def left_out(path: Path) -> Iterator[Row]:
     for name in (*PEERS, "ours"):
         left = []
         for pose in range(len(poses)):
-            kept = np.setdiff1d(np.arange(len(poses)), [pose])
-            try:
-                payload = _fit(name, poses.means[kept], poses.weight[kept])
-            except DataError:
-                continue
+            others = poses[np.setdiff1d(np.arange(len(poses)), [pose])]
+            payload = PEERS[name](others.means) if name in PEERS else _ours(others)
             left.append(errors(payload, poses.means[np.array([pose])]))
         found = np.array(left)
         mean, rms = found.mean(axis=0), np.sqrt((found**2).mean(axis=0))
@@ -306,12 +306,8 @@ def left_out(path: Path) -> Iterator[Row]:
         yield {"method": name, "mean_N": mean[0], "rms_N": rms[0], **in_mN_m, "poses": len(found)}
 
 
-def _fit(name: str, samples: Samples, weight: Array) -> Payload:
-    if name in PEERS:
-        return PEERS[name](samples)
-    poses = sort_into_poses(samples)
-    chosen, _ = fitted_candidates(type(poses)(poses.means, weight, poses.first_row))
-    return payload_of(chosen.solution, poses.means.time_s)
+def _ours(poses: Poses) -> Payload:
+    return payload_of(chosen_candidate(fitted_candidates(poses, np.array(DOWN))))
 
 
 def measure(options: Options) -> Tables:

@@ -30,7 +30,7 @@ def fit(  # noqa: PLR0917 - options of a verb, given by name
         tuple[float, float, float] | None,
         Option(
             metavar="X Y Z",
-            help="Nominal direction of gravity in the base; default: down, unless another fits.",
+            help="Nominal direction of gravity in the base, unless another fits far better.",
         ),
     ] = None,
     out: Annotated[Path | None, Option(help="Write the payload to this YAML file.")] = None,
@@ -50,10 +50,10 @@ def fit(  # noqa: PLR0917 - options of a verb, given by name
         from identification.report import fit_report
 
         data = read_recording(recording)
-        down = None if gravity is None else checked_unit(gravity, "--gravity")
+        down = DOWN if gravity is None else checked_unit(gravity, "--gravity")
         axes, found, reason = identify_recording(data, named_axes(wrench_axes), down)
         report = fit_report(data, axes, found)
-        expected = ExpectedInstallation(down_in_base=np.array(down or DOWN))
+        expected = ExpectedInstallation(down_in_base=np.array(down))
         # A payload can explain some wrong axes: the residual alone does not reveal them.
         installation = judge_recording(data, axes, expected)[1]
         if installation.rejection_reason is not None:
@@ -132,8 +132,4 @@ def _print_check(report: dict[str, Any]) -> None:
     ):
         mean, largest = report[f"{key}_mean"], report[f"{key}_max"]
         table.add_row(label, f"{mean:.4f}", f"{largest:.4f}", str(report[line]))
-    console = table_console()
-    print_table(console, table)
-    if report["drift"] != "none":
-        still = report["residual_force_N_mean_without_drift"]
-        console.print(f"drift of the fit: {report['drift']}; without it {still:.4f} N mean")
+    print_table(table_console(), table)

@@ -8,7 +8,7 @@ from cli.tables import print_table, table_console
 from common.config.payload import DOWN
 
 Vector = list[float]
-MODELS_SHOWN = 6  # besides the plain one
+MODELS_SHOWN = 6
 MOST_REMAINING_SHARE = 0.97  # a pose that reduces the deviation less than this is not recommended
 
 
@@ -36,7 +36,6 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
         ("bias torque (N m)", "bias_torque_Nm", "bias_torque_std_Nm", 1.0, 4),
         ("mounting (mrad)", "mounting_rotation_rad", "mounting_rotation_std_rad", 1e3, 2),
         ("gain of force", "force_gain", "force_gain_std", 1.0, 4),
-        ("gain of torque", "torque_gain", "torque_gain_std", 1.0, 4),
     ):
         if report[std_key] is not None:
             value, std = (_joined(report[each], scale, digits) for each in (key, std_key))
@@ -47,10 +46,6 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
         value = _joined(down, 1.0, 4)
         std = "" if std_rad is None else f"{1e3 * std_rad:.2f} mrad"
         rows.append(("gravity direction in base", value, std))
-    if report["drift"] is not None:
-        drift = report["drift"]
-        rows.append(("drift of force (N)", _joined(drift["force_N"], 1.0, 3), ""))
-        rows.append(("drift of torque (N m)", _joined(drift["torque_Nm"], 1.0, 4), ""))
     return rows
 
 
@@ -99,19 +94,16 @@ def _pose_table(report: dict[str, Any]) -> Table:
 
 
 def _model_table(report: dict[str, Any]) -> Table:
-    table = Table("model", "rms N", "N m", "left out N", "N m", "cond.", "verdict")
+    table = Table("model", "rms N", "N m", "left out N", "N m", "")
     table.title = "models: rms residual, and rms of leave-one-out cross-validation"
-    plain, *extended = report["models"]
-    best = sorted(extended, key=lambda model: model["evidence"], reverse=True)
-    for model in (plain, *best[:MODELS_SHOWN]):
+    for model in report["models"][:MODELS_SHOWN]:
         table.add_row(
             model["name"],
             _number(model["rms_force_N"], 3),
             _number(model["rms_torque_Nm"], 4),
             _number(model["leave_one_out_force_N"], 3),
             _number(model["leave_one_out_torque_Nm"], 4),
-            _number(model["conditioning"], 1),
-            model["verdict"],
+            "used" if model["used"] else "",
         )
     return table
 

@@ -6,41 +6,41 @@ from typing import Any
 import numpy as np
 
 from common.config.payload import Payload
-from common.motion.weight import drift_covers
 from identification.identify import Identification
-from identification.model_selection import Candidate
+from identification.model_selection import cost
+from identification.payload_fit import Solution
 from identification.recording import WrenchAxes, WrenchRecording
 from identification.verification import Residual, residual_of
 
 
 def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification) -> dict[str, Any]:
     """Return all results of a fit, in SI units and sensor axes, ready for JSON."""
-    chosen, noise = fit.chosen, fit.chosen.solution.noise
     rows = zip(fit.first_row, fit.residual.force_N, fit.residual.torque_Nm, strict=True)
     return {
         "recording": recording.source,
         "rows": len(recording.line),
         "poses": len(fit.first_row),
         "wrench_axes": axes,
-        "model": chosen.model.name,
-        **_payload_report(fit),
-        "parameters": [
-            {**asdict(p), "usual": _finite_or_none(p.usual), "identified": p.determined}
-            for p in fit.parameters
-        ],
-        "conditioning": chosen.solution.conditioning,
-        "noise_force_N": noise.force_N,
-        "noise_torque_Nm": noise.torque_Nm,
+        "model": fit.chosen.name,
+        **fit.payload.model_dump(exclude={"accept_uncalibrated"}),
+        **fit.std,
+        "conditioning": fit.conditioning,
+        "noise_force_N": float(fit.chosen.noise[0]),
+        "noise_torque_Nm": float(fit.chosen.noise[1]),
         **_residual_report(fit.residual),
-        "rms_force_N": chosen.rms_force_N,
-        "rms_torque_Nm": chosen.rms_torque_Nm,
-        "leave_one_out_force_N": _finite_or_none(chosen.loo_force_N),
-        "leave_one_out_torque_Nm": _finite_or_none(chosen.loo_torque_Nm),
+        **_candidate_report(fit.chosen),
         "residuals": [
             {"line": recording.line[row], "force_N": float(f), "torque_Nm": float(t)}
             for row, f, t in rows
         ],
-        "models": [_model_report(candidate) for candidate in fit.candidates],
+        "models": [
+            {
+                "name": candidate.name,
+                **_candidate_report(candidate),
+                "used": candidate is fit.chosen,
+            }
+            for candidate in sorted(fit.candidates, key=cost)
+        ],
         "rejected": [
             {"reason": r.reason, "lines": [recording.line[row] for row in r.rows]}
             for r in fit.rejected
@@ -52,38 +52,9 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
     }
 
 
-def _payload_report(fit: Identification) -> dict[str, Any]:
-    payload, std = fit.payload, fit.std
-    return {
-        "mass_kg": payload.mass_kg,
-        "mass_std_kg": std.mass_kg,
-        "com_m": payload.com_m,
-        "com_std_m": std.com_m,
-        "bias_force_N": payload.bias_force_N,
-        "bias_force_std_N": std.bias_force_N,
-        "bias_torque_Nm": payload.bias_torque_Nm,
-        "bias_torque_std_Nm": std.bias_torque_Nm,
-        "gravity_direction_in_base": payload.gravity_direction_in_base,
-        "gravity_tilt_std_rad": std.gravity_tilt_rad,
-        "mounting_rotation_rad": payload.mounting_rotation_rad,
-        "mounting_rotation_std_rad": std.mounting_rotation_rad,
-        "force_gain": payload.force_gain,
-        "force_gain_std": std.force_gain,
-        "torque_gain": payload.torque_gain,
-        "torque_gain_std": std.torque_gain,
-        "drift": None if payload.drift is None else payload.drift.model_dump(),
-    }
-
-
 def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload) -> dict[str, Any]:
-    """Return the residual of a payload over a recording: mean and maximum of the norms.
-
-    The drift of the fit applies only near the times of its recording; `drift` reports whether.
-    """
-    drift, samples = payload.drift, recording.samples(axes)
-    used = drift is not None and drift_covers(drift, recording.time_s)
-    found = residual_of(payload, samples, drift=used)
-    without_drift = residual_of(payload, samples)
+    """Return the residual of a payload over a recording: mean and maximum of the norms."""
+    found = residual_of(payload, recording.samples(axes))
     return {
         "recording": recording.source,
         "rows": len(recording.line),
@@ -91,9 +62,6 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
         **_residual_report(found),
         "worst_force_line": recording.line[int(found.force_N.argmax())],
         "worst_torque_line": recording.line[int(found.torque_Nm.argmax())],
-        "drift": "none" if drift is None else "used" if used else "of another time, not used",
-        "residual_force_N_mean_without_drift": float(without_drift.force_N.mean()),
-        "residual_torque_Nm_mean_without_drift": float(without_drift.torque_Nm.mean()),
     }
 
 
@@ -106,16 +74,13 @@ def _residual_report(residual: Residual) -> dict[str, float]:
     }
 
 
-def _model_report(candidate: Candidate) -> dict[str, Any]:
+def _candidate_report(candidate: Solution) -> dict[str, float | None]:
+    (rms_N, rms_Nm), (left_out_N, left_out_Nm) = candidate.rms, candidate.left_out_rms
     return {
-        "name": candidate.model.name,
-        "rms_force_N": candidate.rms_force_N,
-        "rms_torque_Nm": candidate.rms_torque_Nm,
-        "leave_one_out_force_N": _finite_or_none(candidate.loo_force_N),
-        "leave_one_out_torque_Nm": _finite_or_none(candidate.loo_torque_Nm),
-        "conditioning": _finite_or_none(candidate.solution.conditioning),
-        "evidence": candidate.evidence,
-        "verdict": candidate.verdict,
+        "rms_force_N": float(rms_N),
+        "rms_torque_Nm": float(rms_Nm),
+        "leave_one_out_force_N": _finite_or_none(float(left_out_N)),
+        "leave_one_out_torque_Nm": _finite_or_none(float(left_out_Nm)),
     }
 
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from common.motion.frames import Array
 from forcemesh.errors import DataError
-from identification.least_squares import plain_conditioning, solve
-from identification.payload_model import Model, residuals, start_state
+from identification.payload_fit import DOWN, Directions, conditioning, solve
 from identification.recording import Poses, Samples
 
 SAME_POSE_RAD = np.radians(0.5)  # consecutive rows this close belong to one pose
@@ -56,7 +55,7 @@ def sort_into_poses(samples: Samples) -> Poses:
     return Poses(means, count / (1.0 + (count - 1.0) / ROWS_AT_MOST), first)
 
 
-def check_poses(poses: Poses) -> None:
+def check_poses(poses: Poses, down_in_base: Array = DOWN) -> None:
     """Raise DataError with the reason when the poses do not determine the plain model."""
     attitudes = _distinct(poses.means.R_base_sensor)
     if attitudes < LEAST_POSES:
@@ -64,10 +63,10 @@ def check_poses(poses: Poses) -> None:
             f"only {attitudes} distinct pose(s), attitudes within 3 degrees count as one; "
             f"record at least {LEAST_POSES}, better 8: {ADVICE}"
         )
-    conditioning = plain_conditioning(poses)
-    if conditioning <= WORST_CONDITIONING:
+    found = conditioning(poses.means.R_base_sensor, down_in_base)
+    if found <= WORST_CONDITIONING:
         return
-    widest_deg, narrowest_deg = _extent_deg(poses.means.R_base_sensor)
+    widest_deg, narrowest_deg = _extent_deg(poses.means.R_base_sensor, down_in_base)
     if widest_deg < 1.0:
         problem = "the poses differ only by turns about the vertical, which do not change gravity"
     elif widest_deg < 60.0:
@@ -77,17 +76,17 @@ def check_poses(poses: Poses) -> None:
             f"the poses tilt about one axis only ({narrowest_deg:.0f} degrees about the other)"
         )
     raise DataError(
-        f"{problem} (condition number {conditioning:.3g}, "
-        f"at most {WORST_CONDITIONING:.0f}); {ADVICE}"
+        f"{problem} (condition number {found:.3g}, at most {WORST_CONDITIONING:.0f}); {ADVICE}"
     )
 
 
-def carries_a_fit(poses: Poses) -> bool:
+def carries_a_fit(poses: Poses, down_in_base: Array = DOWN) -> bool:
     """Return whether number and spread of the poses determine the plain model."""
-    return (
-        _distinct(poses.means.R_base_sensor) >= LEAST_POSES
-        and plain_conditioning(poses) <= WORST_CONDITIONING
-    )
+    try:
+        check_poses(poses, down_in_base)
+    except DataError:
+        return False
+    return True
 
 
 def _starts(R: Array) -> npt.NDArray[np.intp]:
@@ -125,9 +124,9 @@ def _distinct(R: Array) -> int:
     return len(found)
 
 
-def _extent_deg(R: Array) -> Array:
+def _extent_deg(R: Array, down_in_base: Array) -> Array:
     """Return the extent of gravity's direction in the sensor, along its widest axis and across."""
-    down = -R[:, 2, :]
+    down = down_in_base @ R
     down = down - down.mean(axis=0)
     reach = np.ptp(down @ np.linalg.svd(down)[2][:2].T, axis=0)
     return np.asarray(np.degrees(2.0 * np.arcsin(np.clip(reach / 2.0, 0.0, 1.0))))
@@ -144,7 +143,9 @@ class Rejected:
     rows: tuple[int, ...]
 
 
-def screen_samples(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
+def screen_samples(
+    samples: Samples, down_in_base: Array = DOWN
+) -> tuple[Poses, tuple[Rejected, ...]]:
     """Return the usable poses, and the rejected rows with the reason.
 
     A recording without rest is used as it is: slow rotation does less harm than no fit. Permanent
@@ -154,14 +155,14 @@ def screen_samples(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
     rejected = []
     moving = _moving_rows(samples)
     still = rows[~moving]
-    if moving.any() and still.size and carries_a_fit(sort_into_poses(samples[still])):
+    if moving.any() and still.size and carries_a_fit(sort_into_poses(samples[still]), down_in_base):
         rejected.append(Rejected(MOVING, tuple(rows[moving].tolist())))
         rows = still
     for reason, outliers in _outlier_rows(samples[rows]).items():
         rejected.append(Rejected(reason, tuple(rows[outliers].tolist())))
     rows = np.setdiff1d(rows, [row for r in rejected for row in r.rows])
     poses = sort_into_poses(samples[rows])
-    if touched := _touched_poses(poses):
+    if touched := _touched_poses(poses, down_in_base):
         dwells = np.split(rows, poses.first_row[1:])
         in_contact = np.concatenate([dwells[pose] for pose in sorted(touched)])
         rejected.append(Rejected(CONTACT, tuple(in_contact.tolist())))
@@ -209,17 +210,16 @@ def _outlier_rows(samples: Samples) -> dict[str, list[int]]:
     return {reason: rows for reason, rows in found.items() if rows}
 
 
-def _touched_poses(poses: Poses) -> list[int]:
+def _touched_poses(poses: Poses, down_in_base: Array) -> list[int]:
     """Return the outlying poses, by the decrease of the sum of squares without them."""
     remaining = list(range(len(poses)))
     outliers: list[int] = []
     while len(remaining) >= POSES_TO_JUDGE and len(outliers) < min(len(poses) // 4, MOST_TOUCHED):
         rest = poses[np.array(remaining)]
-        plain = solve(rest, Model(), start_state())
-        if not np.isfinite(plain.loo_residual).all():
+        plain = solve(rest, (), Directions(down_in_base))
+        if not np.isfinite(plain.left_out).all():
             break
-        error = residuals(plain.state, rest.means)
-        statistic = _outlier_statistic(error, plain.loo_residual, rest.weight)
+        statistic = _outlier_statistic(plain.residual, plain.left_out, rest.weight)
         worst = int(np.argmax(statistic))
         if statistic[worst] < OUTLYING:
             break
@@ -227,14 +227,14 @@ def _touched_poses(poses: Poses) -> list[int]:
     return outliers
 
 
-def _outlier_statistic(error: Array, loo_residual: Array, weight: Array) -> Array:
+def _outlier_statistic(error: Array, left_out: Array, weight: Array) -> Array:
     """Return the F statistic of each pose: its share of the sum of squares over the residual.
 
     The larger one of force and torque counts, where the pose is far from the fit to the others.
     """
     total = (weight[:, None] * error**2).sum(axis=(1, 2))[:, None]
-    added = weight * (error * loo_residual).sum(axis=2)
+    added = weight * (error * left_out).sum(axis=2)
     freedom = 3.0 * (len(weight) - 1) - np.array([[4.0], [6.0]])
     variance = np.maximum(total - added, np.maximum(1e-12 * total, 1e-18)) / freedom
-    is_apart = np.linalg.norm(loo_residual, axis=2) > APART[:, None]
+    is_apart = np.linalg.norm(left_out, axis=2) > APART[:, None]
     return np.asarray(np.where(is_apart, added / 3.0 / variance, 0.0).max(axis=0, initial=0.0))

@@ -41,14 +41,10 @@ class Residual:
         )
 
 
-def residual_of(payload: Payload, samples: Samples, *, drift: bool = False) -> Residual:
-    """Return the residuals of a payload: as in the running cell, or with the drift of its fit."""
+def residual_of(payload: Payload, samples: Samples) -> Residual:
+    """Return the residuals of a payload."""
     force, torque = residual(
-        payload,
-        samples.R_base_sensor,
-        force_N=samples.force_N,
-        torque_Nm=samples.torque_Nm,
-        time_s=samples.time_s if drift else None,
+        payload, samples.R_base_sensor, force_N=samples.force_N, torque_Nm=samples.torque_Nm
     )
     return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
 

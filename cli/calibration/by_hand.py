@@ -17,9 +17,8 @@ from forcemesh.errors import DataError, ForcemeshError
 from identification.dwells import Dwell, Purpose, dwells_of_purpose, samples_of
 from identification.errors import CalibrationError
 from identification.evidence import evidence_of
-from identification.excitation.pose_choice import conditioning
 from identification.identify import identify_payload
-from identification.payload_model import level_base
+from identification.payload_fit import conditioning
 from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 
 NEW_RAD = np.radians(15.0)  # least distance to earlier attitudes for automatic capture
@@ -163,7 +162,7 @@ class PoseRecorder:
         try:
             x, y, z = identify_payload(samples_of(recorded), self._down).next_pose.down_in_sensor
         except DataError as error:
-            return f"; not enough yet: {error}"
+            return f"; no fit yet: {error}"
         return (
             f", condition number {self._conditioning():.1f}; next: gravity along "
             f"({x:.1f}, {y:.1f}, {z:.1f}) in sensor axes, as shown below"
@@ -185,7 +184,7 @@ class PoseRecorder:
     def _conditioning(self) -> float:
         """Return the condition number of the poses so far."""
         R = _attitudes(dwells_of_purpose(self.dwells, "fit"))
-        return conditioning(level_base(self._down) @ R)
+        return conditioning(R, np.array(self._down))
 
 
 def _attitudes(dwells: list[Dwell]) -> Array:

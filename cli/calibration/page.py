@@ -60,7 +60,7 @@ def page(found: Findings) -> Html:
         before_after=picture("readings before and after compensation", before_after(found)),
         attitudes=picture("directions of gravity in sensor axes", attitudes(found)),
         advice=_advice(report),
-        models=table(["model", "rms [N]", "rms [N m]", "verdict"], _models(report)),
+        models=table(["model", "rms [N]", "rms [N m]", ""], _models(report)),
         remarks=joined(html("<li>{}</li>", line) for line in _remarks(found)),
     )
 
@@ -91,8 +91,13 @@ def _residual_rows(found: Findings) -> list[list[str]]:
 
 def _models(report: dict[str, Any]) -> list[list[str]]:
     return [
-        [m["name"], f"{m['rms_force_N']:.4f}", f"{m['rms_torque_Nm']:.5f}", m["verdict"]]
-        for m in sorted(report["models"], key=lambda m: -m["evidence"])[:MODELS_ON_PAGE]
+        [
+            model["name"],
+            f"{model['rms_force_N']:.4f}",
+            f"{model['rms_torque_Nm']:.5f}",
+            "used" if model["used"] else "",
+        ]
+        for model in report["models"][:MODELS_ON_PAGE]
     ]
 
 
@@ -138,7 +143,7 @@ def before_after(found: Findings) -> Figure:
     samples = found.evidence.recording.samples(found.evidence.axes)
     payload = found.evidence.fit.payload
     R, F, M = samples.R_base_sensor, samples.force_N, samples.torque_Nm
-    residual_N, residual_Nm = residual(payload, R, force_N=F, torque_Nm=M, time_s=samples.time_s)
+    residual_N, residual_Nm = residual(payload, R, force_N=F, torque_Nm=M)
     figure, panels = _panels(5.4, rows=2)
     first_row = found.evidence.fit.first_row
     for column, measured, compensated, quantity in (

@@ -38,28 +38,6 @@ ForcePart = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # [N] of a bias
 TorquePart = Annotated[float, Field(ge=-100.0, le=100.0)]  # [N m] of a bias
 BiasForce = tuple[ForcePart, ForcePart, ForcePart]
 BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
-Gains = tuple[AxisGain, AxisGain, AxisGain]
-
-
-class BiasDrift(ConfigSection):
-    """Bias drift during the recording of a fit: for readings near that time, not at run time.
-
-    The first two are start and end on the clock of the recording. `force_N` and `torque_Nm` are the
-    change of the bias between them, the bends its deviation from a straight line in between.
-    """
-
-    start_s: float
-    end_s: float
-    force_N: BiasForce
-    torque_Nm: BiasTorque
-    force_bend_N: BiasForce = (0.0, 0.0, 0.0)
-    torque_bend_Nm: BiasTorque = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _end_is_after_start(self) -> "BiasDrift":
-        if self.end_s <= self.start_s:
-            raise ValueError("end_s must be after start_s")
-        return self
 
 
 class Payload(ConfigSection):
@@ -67,9 +45,7 @@ class Payload(ConfigSection):
 
     The fields with defaults are corrections that a fit may identify; their defaults correct
     nothing. `mounting_rotation_rad` is a rotation vector w: R_base_true = R_base_recorded
-    @ exp([w]x), and all other fields and all readings are in the axes of the true sensor. The bias
-    is that at the end of the recording; `drift` corrects earlier readings and has no effect without
-    a time.
+    @ exp([w]x), and all other fields and all readings are in the axes of the true sensor.
     """
 
     mass_kg: float = Field(ge=0.0, le=50.0)
@@ -78,10 +54,17 @@ class Payload(ConfigSection):
     bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Direction = DOWN  # identified, tilt of the base included
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
-    force_gain: Gains = (1.0, 1.0, 1.0)  # reading of each axis per unit of load
-    torque_gain: Gains = (1.0, 1.0, 1.0)
-    drift: BiasDrift | None = None
+    force_gain: tuple[AxisGain, AxisGain, AxisGain] = (1.0, 1.0, 1.0)  # reading per unit of load
     accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_former_key(cls, values: object) -> object:
+        former = {"torque_gain", "drift"}.intersection(values if isinstance(values, dict) else ())
+        if former:
+            text = f"{min(former)} is not corrected any more: calibrate again"
+            raise ValueError(f"{text}, with `forcemesh calibrate`")
+        return values
 
     @field_validator("mass_kg", mode="before")
     @classmethod

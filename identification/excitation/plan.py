@@ -8,6 +8,7 @@ poses turn the wrist far and the arm little. The plan is reproducible: the same 
 plan.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, islice, pairwise
 from math import degrees
@@ -25,11 +26,10 @@ from identification.errors import CalibrationError
 from identification.excitation.pose_choice import (
     USUAL_PAYLOAD,
     best_attitudes,
-    conditioning,
     fresh_attitudes,
 )
 from identification.identify import POOR_CONDITIONING
-from identification.payload_model import level_base
+from identification.payload_fit import DOWN, conditioning
 from identification.static_poses import WORST_CONDITIONING
 
 LEAST_PLANNED_POSES = 6
@@ -224,6 +224,12 @@ class CalibrationPlan:
         return replace(self, fit=fit, verify=verify, refused=refused)
 
 
+def level_base(down_in_base: Sequence[float] | Array) -> Array:
+    """Return R_level_base: a base turned so that the nominal gravity points along its -z."""
+    down = np.asarray(down_in_base, dtype=np.float64)
+    return np.asarray(pin.Quaternion.FromTwoVectors(down, DOWN).matrix())
+
+
 def make_plan(
     cell: CellConfig, arm: ArmKinematics, q_start: Array, options: PlanOptions
 ) -> CalibrationPlan:
@@ -250,7 +256,7 @@ def make_plan(
             f"{LEAST_PLANNED_POSES} are needed: {ADVICE}"
         )
     verify = fresh_attitudes(R, options.verify_poses, fit)
-    found = conditioning(R[fit])
+    found = conditioning(R[fit], DOWN)
     route = JointRoute(inner, boundaries, q_start, hub)
     fit_order = _shortest_order(route, q, fit, hub)
     return CalibrationPlan(

@@ -15,28 +15,25 @@ from common.config.payload import Payload
 from common.motion.convert import vec3
 from common.motion.frames import Array, R_from_quaternion, quaternion_from_R
 from forcemesh.messages import Vec3
-from identification.least_squares import Solution, plain_conditioning
-from identification.payload_model import (
-    LINEAR,
-    NAMES,
+from identification.payload_fit import (
+    PLACES,
     PRIOR_STD,
-    Model,
-    State,
-    bias_at_end,
+    SIZE,
+    Directions,
+    Solution,
     jacobian,
-    start_state,
 )
-from identification.recording import Poses, Samples
+from identification.recording import Samples
 from identification.static_poses import angle
 
-FULL = Model(tilt=True, mounting=True, gain=True)
 NOISE_N, NOISE_NM = 0.02, 0.001  # of the mean of a dwell, attitude errors included
 APART_RAD = np.radians(20.0)  # nearer attitudes add little information
 USUAL_PAYLOAD = Payload(mass_kg=1.0, com_m=(0.0, 0.0, 0.05))
 ATTITUDES = 200
 LEAST_REDUCTION = 0.05  # smallest share of the variance that a new pose should remove
-# Reference deviations: mass [kg], centre of mass [m], bias [N], [Nm], and those of the priors.
-REFERENCES = {"mass": 0.1, "moment": 0.01, "bias_F": 1.0, "bias_M": 0.1} | PRIOR_STD
+# Reference deviations of the plain unknowns, the moment of 1 kg: [kg], [kg m], [N], [N m].
+REFERENCES = np.repeat([0.1, 0.01, 1.0, 0.1], [1, 3, 3, 3])
+FIXED = 18  # unknowns of a fixed cell: all but the drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,18 +54,16 @@ def next_pose(solution: Solution) -> NextPose:
     reading in attitude k with Jacobian J and noise S changes the covariance C to
     C - C J^T (S + J C J^T)^-1 J C. A parameter that no pose improves is skipped.
     """
-    model = solution.model
-    variance = np.diag(solution.covariance)
+    covariance = solution.covariance
+    variance = np.diag(covariance)
     rng = np.random.default_rng(0)  # fixed seed: the advice is reproducible
     R = np.array([R_from_quaternion(q) for q in rng.normal(size=(ATTITUDES, 4))])
-    rows = _jacobians(solution.state, R, model)
-    # The pose would be read right after the recording.
-    rows[:, :, LINEAR:] += bias_at_end(model)[:, LINEAR:]
-    shared = rows @ solution.covariance
+    rows = _jacobians(solution.x, R, solution.directions)
+    shared = rows @ covariance
     spread = np.diag(np.repeat(solution.noise, 3) ** 2) + shared @ rows.swapaxes(1, 2)
     reduction = np.einsum("kri,kri->ki", shared, np.linalg.solve(spread, shared))
-    sizes = _reference_sizes(model, float(solution.state.linear[0]))
-    by_size = [int(i) for i in np.argsort(-variance / sizes**2)]
+    sizes = _reference_sizes(float(solution.x[0]))
+    by_size = [int(i) for i in np.argsort(-variance / sizes**2) if variance[i] > 0.0]
     improvable = [i for i in by_size if reduction[:, i].max() > LEAST_REDUCTION * variance[i]]
     least_certain = (improvable or by_size)[0]
     best = int(np.argmax(reduction[:, least_certain]))
@@ -76,16 +71,16 @@ def next_pose(solution: Solution) -> NextPose:
     after = before - reduction[best, least_certain]
     return NextPose(
         quaternion=quaternion_from_R(R[best]),
-        down_in_sensor=vec3(R[best].T @ solution.state.down_in_base),
-        parameter=_name(model, least_certain),
+        down_in_sensor=vec3(R[best].T @ solution.directions.down_in_base),
+        parameter=_name(least_certain),
         std_before=float(np.sqrt(before)),
         std_after=float(np.sqrt(max(after, 0.0))),
     )
 
 
-def _name(model: Model, unknown: int) -> str:
-    group, place = next(row for row in model.places.items() if unknown < row[1].stop)
-    return "mass" if group == "mass" else f"{NAMES[group]}.{'xyz'[unknown - place.start]}"
+def _name(unknown: int) -> str:
+    name, place = next(row for row in PLACES.items() if unknown < row[1].stop)
+    return name if name == "mass" else f"{name}.{'xyz'[unknown - place.start]}"
 
 
 def best_attitudes(
@@ -101,18 +96,18 @@ def best_attitudes(
         count: Number of attitudes to add.
         excluded: Indices of the attitudes that are chosen already.
     """
-    state = start_state()
-    state.linear[:4] = payload.mass_kg * np.array([1.0, *payload.com_m])
+    x = np.zeros(SIZE)
+    x[:4] = payload.mass_kg * np.array([1.0, *payload.com_m])
     noise = np.repeat([NOISE_N, NOISE_NM], 3)
-    J = _jacobians(state, R_base_sensor, FULL) / noise[:, None]
-    sizes = _reference_sizes(FULL, payload.mass_kg)
-    sizes[:LINEAR] *= 100.0  # hardly any prior information
+    J = _jacobians(x, R_base_sensor, Directions())[..., :FIXED] / noise[:, None]
+    sizes = _reference_sizes(payload.mass_kg)[:FIXED]
+    sizes[: len(REFERENCES)] *= 100.0  # hardly any prior information
     taken = list(excluded)
     while len(taken) < len(excluded) + count:
         is_distinct = _nearest_rad(R_base_sensor, taken) > APART_RAD
         if not is_distinct.any():
             break
-        rows = J[taken].reshape(-1, FULL.size)
+        rows = J[taken].reshape(-1, FIXED)
         covariance = np.linalg.inv(np.diag(1.0 / sizes**2) + rows.T @ rows)
         gain = np.linalg.slogdet(np.eye(6) + J @ covariance @ J.swapaxes(1, 2))[1]
         taken.append(int(np.argmax(np.where(is_distinct, gain, -np.inf))))
@@ -130,33 +125,22 @@ def fresh_attitudes(R_base_sensor: Array, count: int, excluded: Sequence[int]) -
     return taken[len(excluded) :]
 
 
-def conditioning(R_base_sensor: Array) -> float:
-    """Return the condition number of the linear fit of these attitudes. Shape (n, 3, 3)."""
-    n = len(R_base_sensor)
-    return plain_conditioning(Poses(_unread(R_base_sensor), np.ones(n), np.arange(n)))
-
-
 def _nearest_rad(R: Array, taken: Sequence[int]) -> Array:
     """Return the angle of each attitude to the nearest one that is taken; infinite without one."""
     angles = [angle(R[place], R) for place in taken]
     return np.asarray(np.min([np.full(len(R), np.inf), *angles], axis=0))
 
 
-def _jacobians(state: State, R_base_sensor: Array, model: Model) -> Array:
-    """Return the derivatives of force and torque in each attitude. Shape (n, 6, unknowns)."""
-    J = jacobian(state, _unread(R_base_sensor), model)
-    return J.transpose(1, 0, 2, 3).reshape(-1, 6, model.size)
-
-
-def _unread(R_base_sensor: Array) -> Samples:
-    """Return samples in these attitudes whose readings are of no effect."""
+def _jacobians(x: Array, R_base_sensor: Array, directions: Directions) -> Array:
+    """Return the derivatives of force and torque in each attitude. Shape (n, 6, 24)."""
     zeros = np.zeros((len(R_base_sensor), 3))
-    return Samples(R_base_sensor, zeros, zeros)
+    J = jacobian(x, Samples(R_base_sensor, zeros, zeros), directions)
+    return J.transpose(1, 0, 2, 3).reshape(-1, 6, SIZE)
 
 
-def _reference_sizes(model: Model, mass_kg: float) -> Array:
+def _reference_sizes(mass_kg: float) -> Array:
     """Return the reference deviation of each unknown with a payload of this mass."""
-    sizes = np.empty(model.size)
-    for name, place in model.places.items():
-        sizes[place] = REFERENCES[name] * (mass_kg if name == "moment" else 1.0)
+    sizes = PRIOR_STD.copy()
+    sizes[: len(REFERENCES)] = REFERENCES
+    sizes[PLACES["moment"]] *= mass_kg
     return sizes

@@ -14,7 +14,7 @@ from math import hypot
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array, skew
-from identification.payload_model import drift_shapes, gravity_in_sensor
+from identification.payload_fit import gravity_in_sensor, half_course
 from identification.recording import Poses
 from identification.static_poses import angle
 
@@ -116,7 +116,8 @@ def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
         drift: 0 for a constant bias, 1 for a linear, 2 for a quadratic one.
     """
     root = np.sqrt(poses.weight / poses.weight.sum())
-    shapes = drift_shapes(poses.means)[:drift]
+    half = half_course(poses.means)
+    shapes = (half, half**2)[:drift]
     basis = np.stack([np.ones(len(poses)), *shapes], axis=1) * root[:, None]
     scaled = values * root[:, None]
     return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)
@@ -240,3 +241,11 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
     v, *_ = np.linalg.lstsq(X, F, rcond=1e-6)
     direction = v / max(float(np.linalg.norm(v)), 1e-12)
     return np.asarray(direction, dtype=np.float64), hypot(*F - X @ v)
+
+
+def nominal_rms(poses: Poses, down_in_base: Array) -> float:
+    """Return the residual [N] of correct axes with gravity in this direction, and a mass."""
+    F = _centred(poses.means.force_N, poses)
+    G = _centred(gravity_in_sensor(poses.means.R_base_sensor, down_in_base), poses)
+    mass = max(0.0, float(np.sum(F * G))) / max(float(np.sum(G * G)), 1e-12)
+    return float(np.linalg.norm(F - mass * G))

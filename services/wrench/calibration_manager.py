@@ -222,7 +222,7 @@ def tare(
     shift_N, shift_Nm = shift
     bias = {
         "bias_force_N": vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
-        "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
+        "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm),
     }
     tared = payload.model_copy(update=bias)
     text = (

@@ -6,8 +6,8 @@ contact reads m g_s + b_F and c x m g_s + b_M. The remainder is the environment'
     F = R (f - b_F - m g_s)
     M = R (t - b_M - c x m g_s - p_sensor_tcp x (f - b_F - m g_s))
 
-in base axes, the moment about the tool centre point. Each axis of f - b_F and t - b_M is divided
-by its gain, and the sensor's axes are rotated by the identified mounting correction. A rotation
+in base axes, the moment about the tool centre point. Each axis of f - b_F is divided by its gain,
+and the sensor's axes are rotated by the identified mounting correction. A rotation
 of the axes does not move the reference point of the moment, and a transformation by the whole
 T_base_sensor would move it to the base's origin: exactly these two steps are needed.
 
@@ -88,7 +88,7 @@ class Compensation:
         self._com_m, self._mass_kg = payload.com_m, payload.mass_kg
         self._g_m_s2 = [GRAVITY_M_S2 * part for part in payload.gravity_direction_in_base]
         self._bias = payload.bias_force_N + payload.bias_torque_Nm
-        self._to_load = [1.0 / gain for gain in payload.force_gain + payload.torque_gain]
+        self._to_load = [1.0 / gain for gain in payload.force_gain] + [1.0] * 3
 
     def at_tcp(
         self,

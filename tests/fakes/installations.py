@@ -60,9 +60,10 @@ def readings(
     if world is not None:
         own = payload.model_dump(include={"mass_kg", "com_m", "bias_force_N", "bias_torque_Nm"})
         payload = truth(world, rng).model_copy(update=own)
+    drift = world.drift if world else 0.0
     while True:
         time_s = np.linspace(0.0, 300.0, poses)
-        samples = read(payload, attitudes(rng, poses), time_s, rng)
+        samples = read(payload, attitudes(rng, poses), time_s, rng, drift=drift)
         if carries_a_fit(sort_into_poses(samples)):
             break
     bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)

@@ -36,7 +36,7 @@ def drawn(
 def as_recording(samples: Samples, wrench_axes: WrenchAxes) -> WrenchRecording:
     """Return a recording of the samples with its wrench in the given axes."""
     n = len(samples)
-    turn = samples.R_base_sensor if wrench_axes == "base" else np.repeat(np.eye(3)[None], n, axis=0)
+    turn = samples.R_base_sensor if wrench_axes == "base" else np.eye(3)[None]
     return WrenchRecording(
         source="made.csv",
         line=tuple(range(2, n + 2)),

@@ -15,7 +15,6 @@ from forcemesh.units import UNITS, question, unit_of
 
 CELLS = sorted((Path(__file__).parents[3] / "cells").glob("*.yaml"))
 DEMO = next(path for path in CELLS if path.stem == "demo")
-# A residual is a result, judged by force.idle_max_*; a drift's clock may begin anywhere.
 
 
 def whole(path: Path) -> dict[str, Any]:

@@ -6,13 +6,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.payload import NOISE_N, NOISE_NM, SAMPLES_PER_DWELL, CellErrors, attitudes, truth
-from common.config.payload import BiasDrift, Payload, save
+from common.config.payload import Payload, save
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from common.motion.weight import predict, residual
 from forcemesh.errors import ConfigError, DataError
 from forcemesh.yaml_file import read_model
+from identification.excitation.plan import level_base
 from identification.identify import axes_of, identify_payload, identify_recording
-from identification.payload_model import level_base
 from identification.recording import Samples
 from tests.fakes.weights import QUICK, TRUTH, as_recording, readings, seeds
 
@@ -61,7 +61,7 @@ def test_noise_free_truth_is_recovered_exactly(seed, poses, mass, com, bias) -> 
     """Any payload and bias come back from enough random attitudes, and nothing is added to them."""
     real = Payload(mass_kg=mass, com_m=com, bias_force_N=bias[:3], bias_torque_Nm=bias[3:])
     found = identify_payload(readings(real, attitudes(np.random.default_rng(seed), poses)))
-    assert found.chosen.model.name == "plain"
+    assert found.chosen.name == "plain"
     assert found.payload.mass_kg == pytest.approx(mass, abs=1e-6)
     np.testing.assert_allclose(found.payload.com_m, com, atol=1e-6)
     np.testing.assert_allclose(found.payload.bias_force_N, bias[:3], atol=1e-5)
@@ -83,7 +83,7 @@ def test_tilt_and_mounting_are_found_where_twelve_poses_show_them(
     if error == "tilt":
         real = truth(CellErrors(tilt_deg=angle_deg), rng)
     found = identify_payload(readings(real, attitudes(rng, 12), rng))
-    assert error in found.chosen.model.name
+    assert error in found.chosen.errors
     R = attitudes(rng, 100)
     force_N, torque_Nm = predict(real, R)
     left = residual(found.payload, R, force_N=force_N, torque_Nm=torque_Nm)
@@ -100,7 +100,7 @@ def test_a_tilt_from_any_nominal_direction_is_found(down) -> None:
     real = leaning.model_copy(update={"gravity_direction_in_base": tuple(true_down.tolist())})
     samples = readings(real, attitudes(rng, 12), rng)
     found = identify_payload(samples, down)
-    assert found.chosen.model.name == "tilt"
+    assert found.chosen.name == "tilt"
     assert found.payload.mass_kg == pytest.approx(real.mass_kg, abs=0.01)
     np.testing.assert_allclose(found.payload.gravity_direction_in_base, true_down, atol=0.003)
     assert not found.warnings
@@ -125,10 +125,11 @@ def test_errors_are_as_large_as_the_standard_deviations_that_are_reported() -> N
     for seed in range(40):
         rng = np.random.default_rng(seed)
         found = identify_payload(readings(TRUTH, attitudes(rng, 6), rng))
-        if found.chosen.model.name == "plain":
+        if found.chosen.name == "plain":
             names = ("mass_kg", "com_m", "bias_force_N", "bias_torque_Nm")
+            std_names = ("mass_std_kg", "com_std_m", "bias_force_std_N", "bias_torque_std_Nm")
             errors.append(np.hstack([getattr(found.payload, n) for n in names]))
-            reported.append(np.hstack([getattr(found.std, n) for n in names]))
+            reported.append(np.hstack([found.std[n] for n in std_names]))
     exact = [1.5, *TRUTH.com_m, *TRUTH.bias_force_N, *TRUTH.bias_torque_Nm]
     real = np.sqrt(np.mean((np.array(errors) - exact) ** 2, axis=0))
     claimed = np.sqrt(np.mean(np.array(reported) ** 2, axis=0))
@@ -207,19 +208,14 @@ bias_torque_Nm: [0, 0, 0]
 
 
 def test_a_payload_file_round_trips_and_may_leave_out_the_corrections(tmp_path) -> None:
-    """With tilt, mounting, gain, and the clock of the drift; gravity points down by default."""
-    drift = BiasDrift(
-        start_s=10.0, end_s=70.0, force_N=(1.0, 0.0, -2.0), torque_Nm=(0.1, 0.0, 0.0),
-        force_bend_N=(0.2, 0.0, 0.0),
-    )  # fmt: skip
-    errors = truth(CellErrors(3.0, 5.0, 1.0), np.random.default_rng(12))
-    payload = errors.model_copy(update={"drift": drift})
+    """With tilt, mounting and gain; gravity points down by default."""
+    payload = truth(CellErrors(3.0, 5.0, 1.0), np.random.default_rng(12))
     path = tmp_path / "payload.yaml"
     save(payload, path)
     assert read_model(Payload, path) == payload
     path.write_text(GOOD)
     by_hand = read_model(Payload, path)
-    assert (by_hand.mass_kg, by_hand.drift) == (0.1, None)
+    assert (by_hand.mass_kg, by_hand.force_gain) == (0.1, (1.0, 1.0, 1.0))
     assert by_hand.gravity_direction_in_base == (0.0, 0.0, -1.0)
 
 
@@ -232,9 +228,10 @@ def test_a_payload_file_round_trips_and_may_leave_out_the_corrections(tmp_path) 
         (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "direction has length 9.8"),
         (GOOD + "force_gain: [1, 1, 3]\n", r"force_gain\.2: must be at most 1\.5, found 3"),
         (
-            GOOD + "drift: {start_s: 9, end_s: 9, force_N: [0, 0, 0], torque_Nm: [0, 0, 0]}\n",
-            "end_s must be after start_s",
+            GOOD + "torque_gain: [1, 1, 1]\n",
+            "torque_gain is not corrected any more: calibrate again",
         ),
+        (GOOD + "drift: {start_s: 0}\n", "drift is not corrected any more: calibrate again"),
         ("- 1\n", "must hold a map"),
     ],
 )

@@ -30,7 +30,6 @@ payloads = st.builds(
     bias_force_N=biases,
     bias_torque_Nm=biases,
     force_gain=gains,
-    torque_gain=gains,
     mounting_rotation_rad=small_turns,
     gravity_direction_in_base=st.sampled_from([(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.6, 0.8)]),
 )
@@ -51,7 +50,7 @@ def test_the_wrench_of_the_environment_remains(payload, turn, p, force_N, torque
     total_Nm = np.cross(R_true @ payload.com_m, weight_N) + torque_Nm + np.cross(R @ p, force_N)
     reading = Wrench(
         vec3(payload.force_gain * (R_true.T @ total_N) + payload.bias_force_N),
-        vec3(payload.torque_gain * (R_true.T @ total_Nm) + payload.bias_torque_Nm),
+        vec3(R_true.T @ total_Nm + payload.bias_torque_Nm),
     )
     compensation = Compensation(payload, pin.SE3.Identity(), pin.SE3(np.eye(3), p))
     T_base_flange = pin.SE3(R, np.array([0.2, -0.4, 0.6]))  # the position is irrelevant

@@ -8,7 +8,7 @@ Wire format: protobuf.dev/programming-guides/encoding, schema: its descriptor.pr
 
 import struct
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 METADATA = "forcemesh"
 EVENT = "event"
@@ -16,15 +16,17 @@ CELL_FILE = "cell.yaml"
 FRAMES_TOPIC = "frames"
 
 HEAD = struct.Struct("<BQI")  # place of the topic in the table, time [ns], bytes that follow
-ENCODING = "protobuf"
-NAME = "forcemesh.Frames"
 PACKED = b"\x0a"  # number and type of the only field: 1, length-delimited
 LONGEST_HEAD = 11  # with a length of 64 bits
-# Schema of the message above, as MCAP requires: the FileDescriptorSet that Google's package writes.
-DESCRIPTOR = (
-    b'\nE\n\x16forcemesh/frames.proto\x12\tforcemesh"\x18\n\x06Frames\x12\x0e'
-    b"\n\x06packed\x18\x01 \x01(\x0cb\x06proto3"
-)
+FRAMES_SCHEMA: dict[str, Any] = {
+    "name": "forcemesh.Frames",
+    "encoding": "protobuf",
+    # Of the message above, as MCAP requires: the FileDescriptorSet that Google's package writes.
+    "data": (
+        b'\nE\n\x16forcemesh/frames.proto\x12\tforcemesh"\x18\n\x06Frames\x12\x0e'
+        b"\n\x06packed\x18\x01 \x01(\x0cb\x06proto3"
+    ),
+}
 
 
 class Frame(NamedTuple):

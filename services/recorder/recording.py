@@ -19,13 +19,11 @@ from forcemesh.version import __version__
 from services.recorder.folder import file_name, folder_of, new_file
 from services.recorder.frames import (
     CELL_FILE,
-    DESCRIPTOR,
-    ENCODING,
     EVENT,
+    FRAMES_SCHEMA,
     FRAMES_TOPIC,
     HEAD,
     METADATA,
-    NAME,
     Frame,
     wrap,
 )
@@ -166,6 +164,6 @@ class Recording:
         for topic, schema in zip(TOPICS, SCHEMAS, strict=True):
             schema_id = writer.register_schema(topic.message.__name__, "jsonschema", schema)
             self._channels.append(writer.register_channel(topic.key, "json", schema_id))
-        schema_id = writer.register_schema(NAME, ENCODING, DESCRIPTOR)
-        self._frames = writer.register_channel(FRAMES_TOPIC, ENCODING, schema_id, PLACES)
+        schema_id = writer.register_schema(**FRAMES_SCHEMA)
+        self._frames = writer.register_channel(FRAMES_TOPIC, "protobuf", schema_id, PLACES)
         writer.flush()

@@ -11,7 +11,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.records import Channel, DataEnd, Message, Schema
+from mcap.records import Channel, DataEnd, McapRecord, Message, Schema
 
 from cli.recording_tables import flat_fields
 from forcemesh.clock import NS_PER_S
@@ -125,7 +125,7 @@ class McapTable:
         """Yield schema, channel and message up to the end of the file, or to its truncation."""
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
-        is_whole = False
+        record: McapRecord | None = None
         for record in records_of(self.path):
             if isinstance(record, Schema):
                 schemas[record.id] = record
@@ -135,8 +135,7 @@ class McapTable:
                 channel = channels[record.channel_id]
                 if topic in (None, channel.topic):
                     yield schemas.get(channel.schema_id), channel, record
-            is_whole |= isinstance(record, DataEnd)
-        if not is_whole and TRUNCATED not in self.notes:
+        if not isinstance(record, DataEnd) and TRUNCATED not in self.notes:
             self.notes.append(TRUNCATED)
 
 

@@ -28,6 +28,7 @@ from services.recorder.frames import (
     wrap,
 )
 from services.recorder.layout import Layout, layout_of, schema_of
+from services.recorder.ring_buffer import Block
 from services.recorder.stamps import SequenceGaps, WallClock
 
 MB = 1_000_000
@@ -54,6 +55,7 @@ class Recording:
         now_ns: int,
         *,
         cause: str,
+        past: Iterable[Block] = (),
         label: str = "",
         number: int = 0,
     ) -> None:
@@ -64,10 +66,11 @@ class Recording:
             wall_clock: Wall clock of the whole recording.
             now_ns: Monotonic time.
             cause: Code of the stop, or that it was asked for.
+            past: Blocks of the ring buffer that it begins with.
             label: Last part of the name.
             number: Number among the recordings of the stop's code.
         """
-        self.waiting: deque[Iterable[Frame]] = deque()  # to be written
+        self.waiting: deque[Iterable[Frame]] = deque(block.frames() for block in past)
         self.messages = 0
         self.unshaped = 0  # of them: kept byte for byte, but not decodable
         self.gaps = SequenceGaps()

@@ -5,7 +5,7 @@ A disk error ends the recording and does not interrupt reception.
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -22,7 +22,7 @@ from forcemesh.topics import TOPICS
 from services.recorder.folder import Retention, folder_of, free_bytes, safe_label, stop_label
 from services.recorder.frames import Frame
 from services.recorder.recording import MB, Recording
-from services.recorder.ring_buffer import Block, RingBuffer
+from services.recorder.ring_buffer import RingBuffer
 from services.recorder.stamps import WallClock
 
 STEPS_HZ = 10.0
@@ -129,7 +129,7 @@ class Recorder:
             past = self._retention.of_code(code)
             number = past[-1][0] + 1 if past else 1
             blocks, label = self._ring_buffer.blocks, stop_label(code)
-            if self._begin(blocks, cause=code, label=label, number=number) is not None:
+            if self._begin(cause=code, past=blocks, label=label, number=number) is not None:
                 self._retention.keep_newest(code, self._section.faults_kept)
         self._note(code)
         if not is_asked:
@@ -140,7 +140,7 @@ class Recorder:
             return refusal("already", f"recording to {self._recording.path}")
         self._end()  # a request ends a recording that a fault triggered
         past = self._ring_buffer.blocks if request.past else ()
-        begun = self._begin(past, cause=ASKED, label=safe_label(request.label))
+        begun = self._begin(cause=ASKED, past=past, label=safe_label(request.label))
         if begun is None:
             return refusal("recording", self.fault)
         return Reply(accepted=True, text=clipped(f"recording to {begun.path}"))
@@ -155,13 +155,11 @@ class Recorder:
 
     # --- the recording and its disk ---------------------------------------------------------------
 
-    def _begin(self, past: Iterable[Block], **about: Any) -> Recording | None:
-        """Start a recording with the pre-trigger memory, `about` as in Recording, if possible."""
+    def _begin(self, **about: Any) -> Recording | None:
+        """Start a recording if possible; `about` as in Recording."""
         self._try(self._check_space)
         if not self._no_space:
             self._try(self._open, about)
-        if self._recording is not None:
-            self._recording.waiting.extend(block.frames() for block in past)
         return self._recording
 
     def _open(self, about: dict[str, Any]) -> None:

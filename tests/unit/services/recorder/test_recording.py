@@ -155,7 +155,7 @@ def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
     assert [frame.data for part in parts for frame in frames_of(part)] == [f.data for f in sent]
 
 
-def by_its_schema(schema: Schema | None, message: bytes) -> bytes:
+def by_its_schema(schema: Schema | None, message: bytes) -> Any:
     """Return the packed frames of a message as Google's package reads it by the file's schema."""
     assert schema is not None
     assert schema.encoding == "protobuf"
@@ -164,8 +164,7 @@ def by_its_schema(schema: Schema | None, message: bytes) -> bytes:
     pool = descriptor_pool.DescriptorPool()
     pool.Add(described.file[0])
     kind: Any = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-    packed: bytes = kind.FromString(message).packed
-    return packed
+    return kind.FromString(message).packed
 
 
 @given(finish=st.booleans(), cut=st.integers(0, 40_000), tail=st.binary(max_size=12))

@@ -160,7 +160,7 @@ def _play_recording(
     from rich.console import Console
     from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-    from services.recorder.reading import chosen, play
+    from services.recorder.reading import play
 
     bus.clock.sleep_s(wait_s)
     columns = (TextColumn("{task.description}"), TimeElapsedColumn())
@@ -172,7 +172,7 @@ def _play_recording(
             if count % 500 == 0:
                 bar.update(task, description=f"{at_s:.1f} s replayed, {count} messages")
 
-        messages = chosen(read.raw_messages(), topics)
+        messages = (each for each in read.raw_messages() if not topics or each.topic in topics)
         count = play(messages, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
     truncation = "" if read.is_whole else "; the file is truncated: its recorder was killed"
     print_note(f"{count} messages replayed{truncation}")

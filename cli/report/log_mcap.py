@@ -11,13 +11,12 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.reader import NonSeekingReader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, DataEnd, McapRecord, Message, Schema
 
 from cli.recording_tables import flat_fields
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
-from services.recorder.reading import BROKEN_OFF, refuse_large_chunks
+from services.recorder.reading import records_of
 
 MAGIC = b"\x89MCAP0\r\n"
 LOG_TIME, STAMP = "log_time_s", "stamp_s"
@@ -52,7 +51,6 @@ class McapTable:
         """Read the names of the fields. Raises DataError if no topic, or several, can be read."""
         self.path = path
         self.notes: list[str] = []
-        refuse_large_chunks(path)
         self._channels = self._listed()
         self.topic = topic or self._only_topic()
         self._decode = self._decoder()
@@ -123,14 +121,22 @@ class McapTable:
                     f"{self.path}: topic {self.topic}, message {number} cannot be decoded: {error}"
                 ) from None
 
-    def _messages(self, topic: str | None) -> Iterator[Any]:
+    def _messages(self, topic: str | None) -> Iterator[tuple[Schema | None, Channel, Message]]:
         """Yield schema, channel and message up to the end of the file, or to its truncation."""
-        with self.path.open("rb") as stream:
-            try:
-                yield from NonSeekingReader(stream).iter_messages(topic, log_time_order=False)
-            except BROKEN_OFF:
-                if TRUNCATED not in self.notes:
-                    self.notes.append(TRUNCATED)
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        record: McapRecord | None = None
+        for record in records_of(self.path):
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message) and record.channel_id in channels:
+                channel = channels[record.channel_id]
+                if topic in (None, channel.topic):
+                    yield schemas.get(channel.schema_id), channel, record
+        if not isinstance(record, DataEnd) and TRUNCATED not in self.notes:
+            self.notes.append(TRUNCATED)
 
 
 def is_mcap(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Frames: messages as received on the bus, byte for byte, in a protobuf message. Pure.
+"""File format besides the JSON: names, and frames, the messages byte for byte. Pure.
 
 A recording keeps them in addition to the readable JSON: only frames can be replayed unchanged,
 whatever their publisher and version. They are wrapped as `message Frames { bytes packed = 1; }`:
@@ -8,19 +8,25 @@ Wire format: protobuf.dev/programming-guides/encoding, schema: its descriptor.pr
 
 import struct
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+METADATA = "forcemesh"
+EVENT = "event"
+CELL_FILE = "cell.yaml"
+FRAMES_TOPIC = "frames"
 
 HEAD = struct.Struct("<BQI")  # place of the topic in the table, time [ns], bytes that follow
-ENCODING = "protobuf"
-NAME = "forcemesh.Frames"
-LENGTH_DELIMITED = 2
-PACKED = bytes([1 << 3 | LENGTH_DELIMITED])  # number and type of the only field
+PACKED = b"\x0a"  # number and type of the only field: 1, length-delimited
 LONGEST_HEAD = 11  # with a length of 64 bits
-# Schema of the message above, as MCAP requires: the FileDescriptorSet that Google's package writes.
-DESCRIPTOR = (
-    b'\nE\n\x16forcemesh/frames.proto\x12\tforcemesh"\x18\n\x06Frames\x12\x0e'
-    b"\n\x06packed\x18\x01 \x01(\x0cb\x06proto3"
-)
+FRAMES_SCHEMA: dict[str, Any] = {
+    "name": "forcemesh.Frames",
+    "encoding": "protobuf",
+    # Of the message above, as MCAP requires: the FileDescriptorSet that Google's package writes.
+    "data": (
+        b'\nE\n\x16forcemesh/frames.proto\x12\tforcemesh"\x18\n\x06Frames\x12\x0e'
+        b"\n\x06packed\x18\x01 \x01(\x0cb\x06proto3"
+    ),
+}
 
 
 class Frame(NamedTuple):
@@ -45,11 +51,10 @@ def frames_of(packed: bytes) -> Iterator[Frame]:
         if at + HEAD.size > len(packed):
             raise ValueError("frames end within a head")
         topic, at_ns, size = HEAD.unpack_from(packed, at)
-        at += HEAD.size
-        if at + size > len(packed):
+        at += HEAD.size + size
+        if at > len(packed):
             raise ValueError("frames end within a message")
-        yield Frame(topic, at_ns, packed[at : at + size])
-        at += size
+        yield Frame(topic, at_ns, packed[at - size : at])
 
 
 # --- the protobuf message -------------------------------------------------------------------------

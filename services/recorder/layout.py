@@ -46,7 +46,7 @@ class Quaternion(msgspec.Struct, gc=False):
     w: float
 
 
-VECTORS = {3: Vector, 4: Quaternion}
+VECTORS: dict[int, type[msgspec.Struct]] = {3: Vector, 4: Quaternion}
 
 
 class FieldLayout(NamedTuple):
@@ -61,7 +61,7 @@ class FieldLayout(NamedTuple):
 class Layout:
     """Layout of named fields."""
 
-    def __init__(self, *models: type[Record]) -> None:
+    def __init__(self, *models: type[msgspec.Struct]) -> None:
         """Collect the fields of the models in order."""
         kinds = {
             name: _kind(annotation)
@@ -155,18 +155,12 @@ def _kind(annotation: Any) -> FieldLayout:
 
 def _tuple(args: tuple[Any, ...]) -> FieldLayout:
     """Return the kind of a tuple: an object for a vector, else a list."""
-    schema: dict[str, Any]
     vector = VECTORS.get(len(args)) if set(args) == {float} else None
     if vector is not None:
-        names, number = vector.__struct_fields__, {"type": "number"}
-        schema = {
-            "type": "object",
-            "properties": dict.fromkeys(names, number),
-            "required": list(names),
-        }
-        return FieldLayout(schema, tuple[args], lambda numbers: vector(*numbers))  # type: ignore[valid-type]
+        named = Layout(vector).schema
+        return FieldLayout(named, tuple[args], lambda numbers: vector(*numbers))  # type: ignore[valid-type]
     item = _kind(args[0])
-    schema = {"type": "array", "items": item.schema}
+    schema: dict[str, Any] = {"type": "array", "items": item.schema}
     part: Any = item.read_as
     read_as: Any = tuple[part, ...]
     if args[-1] is not Ellipsis:

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import zstandard
 from mcap import records
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from pydantic_core import from_json
 
 from common.config.calibration import NO_FILE
@@ -28,11 +27,17 @@ from forcemesh.errors import ConfigError, DataError
 from forcemesh.recorded_messages import readdressed
 from forcemesh.topics import TOPICS
 from forcemesh.yaml_file import parse_yaml
-from services.recorder.frames import Frame, frames_of, unwrap
-from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
-from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
+from services.recorder.frames import (
+    CELL_FILE,
+    EVENT,
+    FRAMES_TOPIC,
+    METADATA,
+    Frame,
+    frames_of,
+    unwrap,
+)
 
-BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError, KeyError)
+BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError, MemoryError)
 GRAVITY = "gravity_direction_in_base"
 DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
 MOST_CHUNK_B = 1 << 28  # of other robots too; the recorder writes 8 MB
@@ -66,18 +71,18 @@ class RecordedFile:
     """One file. Its metadata are read on opening."""
 
     def __init__(self, path: Path) -> None:
-        """Read metadata and channels. Raises DataError if it is not a forcemesh recording."""
+        """Read the metadata. Raises DataError if it is not a forcemesh recording."""
         self.path = path
         self.about: dict[str, str] = {}
         self.is_whole = False  # known after the first pass
         self.events: list[Event] = []
         self._cell_file: bytes | None = None
         self._channels: dict[int, records.Channel] = {}
-        for record in self._records():
-            if isinstance(record, records.Chunk) and self._channels:
+        for record in self._records(whole_chunks=True):
+            if isinstance(record, records.Chunk):
                 break
         if not self.about:
-            raise DataError(f"{path}: not a forcemesh recording: the metadata are missing")
+            raise DataError(f"{path}: not a forcemesh recording, or truncated: it has no metadata")
 
     @cached_property
     def cell(self) -> CellConfig | None:
@@ -97,10 +102,10 @@ class RecordedFile:
 
         Within a topic that is the order of publication; between topics approximately.
         """
-        for channel, at_ns, data in self._message_records():
+        for channel, message in self._message_records():
             key = channel.topic
             if channel.message_encoding == "json" and topic in (None, key):
-                yield RecordedMessage(key, at_ns, from_json(data))
+                yield RecordedMessage(key, message.log_time, from_json(message.data))
 
     def raw_messages(self) -> Iterator[RecordedBytes]:
         """Yield every message byte for byte, in the order of time.
@@ -109,15 +114,14 @@ class RecordedFile:
         """
         waiting: list[tuple[int, int, RecordedBytes]] = []
         number = 0
-        for channel, _, data in self._message_records():
+        for channel, message in self._message_records():
             if channel.topic != FRAMES_TOPIC:
                 continue
-            for frame in self._frames(data):
+            for frame in self._frames(message.data):
                 topic = channel.metadata[str(frame.topic)]
                 heapq.heappush(waiting, (frame.at_ns, number, RecordedBytes(topic, *frame[1:])))
                 number += 1
-            newest_ns = max(entry[0] for entry in waiting)
-            while waiting and waiting[0][0] < newest_ns - DISORDER_NS:
+            while waiting and waiting[0][0] < message.log_time - DISORDER_NS:
                 yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
@@ -129,44 +133,16 @@ class RecordedFile:
             text = f"{self.path}: {error}: written by another version; its JSON can still be read"
             raise DataError(text) from error
 
-    def _message_records(self) -> Iterator[tuple[records.Channel, int, bytes]]:
+    def _message_records(self) -> Iterator[tuple[records.Channel, records.Message]]:
         for record in self._records():
-            if not isinstance(record, records.Chunk):
-                continue
-            refuse_large_chunk(self.path, record)
-            try:
-                body = zstandard.decompress(record.data, MOST_CHUNK_B)
-            except zstandard.ZstdError:
-                self.is_whole = False
-                return
-            at = 0
-            while at < len(body):
-                opcode, length, channel, _, log_ns, _ = MESSAGE.unpack_from(body, at)
-                if opcode == Opcode.MESSAGE:
-                    data = body[at + MESSAGE.size : at + MESSAGE.size + length - MESSAGE_HEAD_B]
-                    yield self._channels[channel], log_ns, data
-                at += 9 + length
+            if isinstance(record, records.Message) and record.channel_id in self._channels:
+                yield self._channels[record.channel_id], record
 
-    def _records(self) -> Iterator[records.McapRecord]:
-        """Yield records up to the end of the file, or to its truncation."""
+    def _records(self, *, whole_chunks: bool = False) -> Iterator[records.McapRecord]:
         self.events, self.is_whole = [], False
-        try:
-            stream = self.path.open("rb")
-        except OSError as error:
-            raise DataError(f"{self.path}: cannot be read: {error.strerror}") from None
-        with stream:
-            try:
-                for record in StreamReader(
-                    stream, emit_chunks=True, record_size_limit=MOST_CHUNK_B
-                ).records:
-                    self._note(record)
-                    yield record
-                    if isinstance(record, records.DataEnd):
-                        self.is_whole = True
-                        return
-            except BROKEN_OFF as error:
-                if not self._channels:
-                    raise DataError(f"{self.path}: not a recording, or truncated") from error
+        for record in records_of(self.path, whole_chunks=whole_chunks):
+            self._note(record)
+            yield record
 
     def _note(self, record: records.McapRecord) -> None:
         if isinstance(record, records.Channel):
@@ -174,9 +150,12 @@ class RecordedFile:
         elif isinstance(record, records.Metadata) and record.name == METADATA:
             self.about = record.metadata
         elif isinstance(record, records.Metadata) and record.name == EVENT:
-            self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
+            with suppress(KeyError, ValueError):  # another program's metadata of this name
+                self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
         elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
             self._cell_file = record.data
+        elif isinstance(record, records.DataEnd):
+            self.is_whole = True
 
 
 def _take_older_keys(tree: Any) -> None:
@@ -191,7 +170,34 @@ def _take_older_keys(tree: Any) -> None:
             tree[CALIBRATION] = NO_FILE
 
 
-def refuse_large_chunk(path: Path, chunk: records.Chunk) -> None:
+def records_of(path: Path, *, whole_chunks: bool = False) -> Iterator[records.McapRecord]:
+    """Yield the records of a file, those in chunks as well, up to its end or its truncation.
+
+    Args:
+        path: An MCAP file of any program.
+        whole_chunks: Chunks themselves, not the records in them.
+
+    Raises:
+        DataError: The file cannot be opened, or a chunk declares more than any recording has.
+    """
+    try:
+        stream = path.open("rb")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
+    with stream, suppress(*BROKEN_OFF):
+        reader = StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK_B)
+        for record in reader.records:
+            if isinstance(record, records.Chunk):
+                _refuse_large(path, record)
+                if not whole_chunks:
+                    yield from breakup_chunk(record)
+                    continue
+            yield record
+            if isinstance(record, records.DataEnd):
+                return
+
+
+def _refuse_large(path: Path, chunk: records.Chunk) -> None:
     """Raise DataError for a chunk that declares more data than any recording has in one.
 
     The decompressor reserves the size that a zstd frame declares before it reads the data.
@@ -206,21 +212,6 @@ def refuse_large_chunk(path: Path, chunk: records.Chunk) -> None:
             f"{MOST_CHUNK_B / 1e6:.0f} MB: damaged, or no recording; `mcap compress --chunk-size` "
             "writes smaller ones"
         )
-
-
-def refuse_large_chunks(path: Path) -> None:
-    """Raise DataError as `refuse_large_chunk` for a file that another reader decompresses."""
-    with path.open("rb") as stream, suppress(*BROKEN_OFF):
-        for record in StreamReader(
-            stream, emit_chunks=True, record_size_limit=MOST_CHUNK_B
-        ).records:
-            if isinstance(record, records.Chunk):
-                refuse_large_chunk(path, record)
-
-
-def chosen(messages: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:
-    """Yield the messages of the named topics, of all if none is named."""
-    return (each for each in messages if not only or each.topic in only)
 
 
 def play(

@@ -8,6 +8,7 @@ from forcemesh.clock import NS_PER_S
 
 LONGEST_TRANSIT_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is rejected
 MOST_CLOCKS = 64  # an unexpected publisher could name a new one with every message
+LARGEST_COUNTER = 2**53  # largest integer that every language represents exactly
 
 
 class WallClock:
@@ -59,5 +60,5 @@ class SequenceGaps:
         if last is not None and last[0] == epoch:
             if seq <= last[1]:
                 return  # late or repeated
-            self.lost += seq - last[1] - 1
+            self.lost = min(self.lost + seq - last[1] - 1, LARGEST_COUNTER)
         self._last[topic] = (epoch, seq)

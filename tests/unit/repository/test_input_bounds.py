@@ -61,3 +61,18 @@ def test_the_size_that_a_zstd_frame_declares_is_bounded(
     for read in (lambda: list(RecordedFile(path).messages()), lambda: McapTable(path, None)):
         with pytest.raises(DataError, match=r"bomb\.mcap: a chunk declares .* the limit is"):
             read()
+
+
+def test_a_length_that_no_memory_holds_is_the_end_of_the_file(tmp_path: Path) -> None:
+    """An attachment that declares 2**56 bytes: what stands before it is read."""
+    path = tmp_path / "declared.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata("forcemesh", {"cell": "demo"})
+        writer.add_attachment(0, 0, "cell.yaml", "application/yaml", b"1" * 1000)
+        writer.finish()
+    size, huge = (number.to_bytes(8, "little") for number in (1000, 1 << 56))
+    path.write_bytes(path.read_bytes().replace(size, huge))
+    read = RecordedFile(path)
+    assert (read.about, list(read.messages()), read.is_whole) == ({"cell": "demo"}, [], False)

@@ -5,17 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
+from mcap.records import Schema
 from pydantic_core import from_json
 
 from common.config.cell import CellConfig
 from forcemesh.codec import Header, encode, pack
 from forcemesh.errors import DataError
 from forcemesh.topics import TOPICS, Topic
-from services.recorder.frames import Frame
+from services.recorder.frames import FRAMES_TOPIC, Frame, frames_of
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
@@ -35,8 +37,8 @@ def header(seq: int, topic: Topic[Any], stamp_ns: int, boot: str = CLOCK) -> Hea
 
 def opened(folder: Path, cell: CellConfig | None = None) -> Recording:
     """Return a recording without messages."""
-    wall, cell = WallClock(CLOCK, WALL_NS), cell or cell_with(folder)
-    return Recording(folder, "file", cell, cause="asked", wall_clock=wall, now_ns=SECOND)
+    wall_clock = WallClock(CLOCK, WALL_NS)
+    return Recording(cell or cell_with(folder), wall_clock, SECOND, cause="asked")
 
 
 def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
@@ -44,11 +46,11 @@ def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
     recording = opened(folder)
     for frame in frames:
         recording.write([frame], frame.at_ns)
-    recording._flush()
+    recording.write([], frames[-1].at_ns + SECOND)
     if finish:
         recording.close()
     else:
-        recording._stream.close()  # the state after a kill, without the unflushed part
+        recording.abandon()  # the state after a kill
     return recording.path
 
 
@@ -120,34 +122,49 @@ def test_undecodable_bytes_are_kept_exactly(tmp_path: Path) -> None:
     arrived = {h.at_ns - WALL_NS for h in read.raw_messages()}
     assert {frame.at_ns for frame in bad} <= arrived
     assert len(list(read.messages())) == len(TOPICS)
-    counts = (recording.messages, recording.unshaped, recording.numbering.lost)
+    counts = (recording.messages, recording.unshaped, recording.gaps.lost)
     assert counts == (len(frames), len(bad), 0)
 
 
 def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
     """Checksums, statistics, metadata and attachment; our reader has every byte, time and topic."""
-    frames = of_every_topic()
-    path = recorded(tmp_path, frames)
-    raw = list(RecordedFile(path).raw_messages())
-    assert [h.data for h in raw] == [frame.data for frame in frames]
-    assert [h.at_ns for h in raw] == [WALL_NS + frame.at_ns for frame in frames]
-    assert [h.topic for h in raw] == [TOPICS[frame.topic].key for frame in frames]
+    sent = of_every_topic()
+    path = recorded(tmp_path, sent)
+    keys = [TOPICS[frame.topic].key for frame in sent]
+    times = [WALL_NS + frame.at_ns for frame in sent]
+    raw = list(zip(keys, times, (frame.data for frame in sent), strict=True))
+    assert list(RecordedFile(path).raw_messages()) == raw
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
-        counts = summary.statistics.channel_message_counts
-        values = {channel.topic: counts[channel.id] for channel in summary.channels.values()}
-        messages = list(reader.iter_messages(topics=[topic.key for topic in TOPICS]))
+        messages = list(reader.iter_messages(topics=keys))
+        packed = list(reader.iter_messages(topics=[FRAMES_TOPIC]))
         (about,) = list(reader.iter_metadata())
         (cell,) = list(reader.iter_attachments())
-    assert all(values[topic.key] == 3 for topic in TOPICS)
-    assert [m.log_time for *_, m in messages] == [WALL_NS + frame.at_ns for frame in frames]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(messages) + len(packed)
+    assert [channel.topic for _, channel, _ in messages] == keys
+    assert [message.log_time for *_, message in messages] == times
     assert all(schema.encoding == "jsonschema" for schema, *_ in messages if schema)
     assert all(json.loads(message.data)["topic"] == f"demo/{c.topic}" for _, c, message in messages)
     assert about.metadata["wall_minus_monotonic_ns"] == str(WALL_NS)
     assert cell.name == "cell.yaml"
+    assert summary.channels[packed[0][1].id].message_encoding == "protobuf"
+    parts = [by_its_schema(schema, message.data) for schema, _, message in packed]
+    assert [frame.data for part in parts for frame in frames_of(part)] == [f.data for f in sent]
+
+
+def by_its_schema(schema: Schema | None, message: bytes) -> Any:
+    """Return the packed frames of a message as Google's package reads it by the file's schema."""
+    assert schema is not None
+    assert schema.encoding == "protobuf"
+    described = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+    assert described.SerializeToString(deterministic=True) == schema.data
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(described.file[0])
+    kind: Any = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+    return kind.FromString(message).packed
 
 
 @given(finish=st.booleans(), cut=st.integers(0, 40_000), tail=st.binary(max_size=12))
@@ -160,7 +177,7 @@ def test_any_beginning_of_a_file_is_read_or_refused(
     folder = tmp_path / f"finished {finish}"
     if not folder.exists():
         recorded(folder, frames, finish)
-    data = (folder / "file-01.mcap").read_bytes()
+    data = next(folder.glob("*.mcap")).read_bytes()
     path = tmp_path / "part.mcap"
     path.write_bytes(data[:cut] + tail)
     try:

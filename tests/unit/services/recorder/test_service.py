@@ -1,7 +1,9 @@
 """The recorder's service: files by request and by fault, refusals, and failures of the disk."""
 
-import errno
+import random
+import resource
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import pytest
 
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
-from services.recorder import recording
+from services.recorder import recording, service
 from services.recorder.reading import RecordedFile
 from tests.unit.services.recorder.conftest import TRIP, RecorderBench
 
@@ -165,7 +167,7 @@ def test_it_stops_before_the_disk_is_full(begin: Begin, monkeypatch: pytest.Monk
     """Below the minimum of free space it ends the file with a reason and begins no new one."""
     bench = begin(least_free_GB=2.0)
     free = [3_000_000_000]
-    monkeypatch.setattr(recording, "free_bytes", lambda _: free[0])
+    monkeypatch.setattr(service, "free_bytes", lambda _: free[0])
     bench.start()
     bench.pass_s(2.0)
     free[0] = 1_900_000_000
@@ -184,76 +186,90 @@ def test_it_stops_before_the_disk_is_full(begin: Begin, monkeypatch: pytest.Monk
     assert bench.start().accepted
 
 
-def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(
-    begin: Begin, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """It reports this, still receives, and records again when the disk works."""
+def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(begin: Begin) -> None:
+    """What was written before is read; it reports this, receives, and records when it can."""
     bench = begin()
     bench.start()
-    with monkeypatch.context() as broken:
-
-        def refuse(*_: object) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        broken.setattr(recording.Recording, "_flush", refuse)
+    bench.pass_s(2.0)
+    (path,) = bench.files()
+    with largest_file(path.stat().st_size + 100):
         bench.pass_s(2.0)
-    assert "No space left on device" in bench.recorder.fault
+    assert "File too large" in bench.recorder.fault
     assert not bench.status().recording
+    read = RecordedFile(path)
+    found = [message.fields["seq"] for message in read.messages("wrench")]
+    assert found == list(range(1, len(found) + 1))
+    assert (len(found) >= 15, read.is_whole) == (True, False)
     assert bench.start(past=True).accepted
     assert bench.recorder.fault == ""
     bench.stop()
-    assert len(numbers(bench.files()[-1])) == 20
-    (tmp_path / "file").write_text("a file")
-    reply = begin(folder=tmp_path / "file" / "folder").start()
+    assert len(numbers(bench.files()[-1])) == 40
+    reply = begin(folder=Path(__file__) / "folder").start()
     assert reply.code == "recording"
     assert "Not a directory" in reply.text
 
 
-def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
-    """Cut by time, nothing is lost between two files, and each has its metadata."""
-    bench = begin(file_min=0.1)
+@contextmanager
+def largest_file(size_B: int) -> Iterator[None]:
+    """Let the system refuse to write beyond a size, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_B, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_stop_loses_nothing_that_waits_to_be_written(
+    begin: Begin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Memory that takes long to write: the file has all of it."""
+    bench = begin()
+    bench.pass_s(5.0)
+    write = recording.Recording.write
+
+    def slowly(*arguments: Any) -> None:
+        bench.clock.sleep_s(0.5)
+        write(*arguments)
+
+    monkeypatch.setattr(recording.Recording, "write", slowly)
+    bench.start(past=True)
+    bench.stop()
+    assert numbers(bench.files()[0]) == list(range(1, 51))
+
+
+@pytest.mark.parametrize(("limit", "most_B"), [({"file_min": 0.1}, 9e9), ({"file_MB": 1.0}, 2e6)])
+def test_long_recordings_are_several_whole_files(
+    begin: Begin, limit: dict[str, float], most_B: float
+) -> None:
+    """Cut by time or by size, nothing is lost between two files, and each has its metadata."""
+    bench, letters = begin(**limit), random.Random(1)
     bench.start()
-    bench.pass_s(20.0)
+    for _ in range(70):
+        for _ in range(50):
+            text = "".join(map(chr, letters.choices(range(0x4E00, 0x9000), k=390)))
+            bench.put(topics.WRENCH, WrenchAtTcp(reason=text))
+        bench.step()
     bench.stop()
     files = bench.files()
-    assert len(files) == 4
-    assert [number for path in files for number in numbers(path)] == list(range(1, 201))
+    assert len(files) > 1
+    assert [number for path in files for number in numbers(path)] == list(range(1, 3501))
     assert all(RecordedFile(path).cell is not None for path in files)
+    assert all(path.stat().st_size < most_B for path in files)
 
 
-def test_large_recordings_are_several_files(begin: Begin) -> None:
-    """They are cut by size."""
-    bench = begin(file_MB=1.0)
-    bench.start()
-    for step in range(60):
-        for number in range(200):
-            first = (step * 200 + number) * 100
-            text = "".join(chr(0x4E00 + at * 7919 % 20000) for at in range(first, first + 100))
-            bench.put(topics.WRENCH, WrenchAtTcp(reason=text))
-        bench.pass_s(STEP_S)
-    bench.stop()
-    assert len(bench.files()) > 1
-    assert all(path.stat().st_size < 2e6 for path in bench.files())
-
-
-def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
-    """There is one file, which continues until a stop."""
-    bench = begin(after_fault_s=1.0)
-    bench.start()
-    bench.trip()
-    bench.pass_s(3.0)
-    assert bench.status().recording
-    bench.stop()
-    (path,) = bench.files()
-    assert events(path) == ["force"]
-
-
-def test_a_start_replaces_a_recording_of_a_fault(begin: Begin) -> None:
-    """A requested recording is a separate file and does not end by itself."""
+def test_a_fault_during_a_recording_is_noted_in_it_and_one_before_has_its_own(
+    begin: Begin,
+) -> None:
+    """A requested recording ends one of a fault, and continues until a stop."""
     bench = begin(after_fault_s=1.0)
     bench.pass_s(1.0)
     bench.trip()
     assert bench.start().accepted
+    bench.trip()
     bench.pass_s(3.0)
     assert (bench.status().recording, bench.status().cause) == (True, "asked")
-    assert len(bench.files()) == 2
+    bench.stop()
+    causes = {RecordedFile(path).about["cause"]: path for path in bench.files()}
+    assert set(causes) == {"force", "asked"}
+    assert events(causes["asked"]) == ["force"]

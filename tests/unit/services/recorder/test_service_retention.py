@@ -50,10 +50,10 @@ def test_the_newest_of_each_cell_and_code_are_kept_as_a_whole(
             )
             bench.trip(code=code)
             bench.pass_s(after_s / 2)
-            assert bench.recorder._writer.recording is not None
-            assert bench.recorder._writer.recording.path.exists()  # the open one
+            assert bench.recorder._recording is not None
+            assert bench.recorder._recording.path.exists()  # the open one
             bench.pass_s(after_s / 2 + 0.3)
-            assert bench.recorder._writer.recording is None
+            assert bench.recorder._recording is None
             made[name, code].append(sorted(set(folder.glob("*")) - before))
             expected = {
                 path for of_one in made.values() for files in of_one[-KEPT:] for path in files

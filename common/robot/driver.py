@@ -1,0 +1,161 @@
+"""Driver of a robot: the part of the role `robot` that differs from arm to arm.
+
+An arm has three doors: `report` reads its state, `stream` follows set points, `goal` executes a
+move. `RobotService` has checked what passes through them, and calls `hold` when nothing may move.
+The other methods have a default for an arm that has no such thing.
+"""
+# ruff: noqa: B027 - a default that does nothing is an empty method
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Protocol
+
+import pinocchio as pin
+
+from common.robot.report import ArmReport
+from common.runtime.signal_service import SignalReading
+from forcemesh.faults import tripped
+from forcemesh.messages import (
+    Feedback,
+    Goal,
+    GoalState,
+    LinkHealth,
+    PoseRecord,
+    RobotCommand,
+    RobotStatus,
+    Speed,
+    Trip,
+    WrenchAtTcp,
+)
+
+NO_REPORT = tripped("robot_link", "the robot has not reported its pose yet")
+NO_SIGNALS = tripped("robot_refuses", "this robot has no digital signals")
+
+
+class FeedbackDoor(Protocol):
+    """Force feedback that runs inside the controller."""
+
+    def run(
+        self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int], now_ns: int
+    ) -> Trip | None:
+        """Start, feed or change force feedback; return why it cannot run.
+
+        `sample` is epoch and number of the wrench: each is to be sent once.
+        """
+
+
+class RobotDriver(ABC):
+    """One arm, as `RobotService` commands it.
+
+    A step is `receive`, the command or `hold`, and `report`. A command that cannot be encoded
+    raises LocalProtocolError, which ends the lease.
+    """
+
+    feedback: FeedbackDoor | None = None  # None: no force feedback inside the controller
+
+    @property
+    @abstractmethod
+    def period_s(self) -> float:
+        """Longest time between two steps [s]."""
+
+    # --- report -----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def receive(self, now_ns: int) -> None:
+        """Begin a step at this time: take in what the arm has sent."""
+
+    @property
+    @abstractmethod
+    def measured(self) -> ArmReport | None:
+        """Newest state of the arm; None: not known."""
+
+    @abstractmethod
+    def report(self) -> Sequence[ArmReport]:
+        """Return the new reports of this step, oldest first."""
+
+    def link_fault(self) -> Trip | None:
+        """Return why the state of the arm is not known, None when it is."""
+        return NO_REPORT if self.measured is None else None
+
+    def arm_fault(self) -> Trip | None:
+        """Return why the arm would not follow a command, None when it would."""
+        return None
+
+    def status(self, *, held: bool) -> RobotStatus:
+        """Return the status to publish; `held`: the service holds."""
+        measured = self.measured
+        return RobotStatus(ready=True, moving=measured is not None and measured.moving, held=held)
+
+    def link(self) -> LinkHealth:
+        """Return the health of the link to the arm."""
+        return LinkHealth(connected=True, round_trip_s=0.0)
+
+    @property
+    def explains_motion(self) -> bool:
+        """Whether the arm may move without goal and stream: braking, feedback, guided by hand."""
+        return False
+
+    # --- stream -----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def stream(self, T_base_flange: pin.SE3, *, begins: bool) -> Trip | None:
+        """Follow a set point, or return why not. A stream begins at the measured pose."""
+
+    def sent(self, setpoint: PoseRecord) -> PoseRecord | None:
+        """Return the set point that the arm was given; `setpoint` is the newest one."""
+        return setpoint
+
+    def stream_fault(self) -> Trip | None:
+        """Return that the arm has refused a set point of this stream."""
+        return None
+
+    # --- goal -------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def goal(self, goal: Goal, speed: Speed) -> str:
+        """Start a goal; return why it is refused, empty when it runs."""
+
+    @abstractmethod
+    def goal_state(self) -> tuple[GoalState, str]:
+        """Return the state of the goal that runs, and why it is refused."""
+
+    # --- both -------------------------------------------------------------------------------------
+
+    def may_begin(self, kind: str) -> bool:  # noqa: ARG002 - of an override
+        """Return whether a stream, or a goal of this kind, may begin: nothing before it moves."""
+        return True
+
+    @abstractmethod
+    def brake(self) -> None:
+        """Brake the goal that runs, and void it if the arm has not begun it."""
+
+    @abstractmethod
+    def hold(self, *, begins: bool) -> None:
+        """Brake as the hold begins, and stay at the measured pose. Called in every step of it."""
+
+    def permitted(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
+        """Prepare for a permitted command other than force feedback, before its door."""
+
+    def flush(self) -> None:
+        """Send what is due under a permission, after the door."""
+
+    # --- signals and health -----------------------------------------------------------------------
+
+    def signals(self) -> SignalReading:
+        """Return the state of the digital signals, or why it is unknown."""
+        return SignalReading(code=NO_SIGNALS.code, reason=NO_SIGNALS.text)
+
+    def switch(self, number: int, on: bool) -> Trip | None:  # noqa: ARG002, FBT001 - a `Switch`
+        """Switch an output, or return why not."""
+        return NO_SIGNALS
+
+    def counters(self) -> dict[str, int]:
+        """Return counters for the health of the role."""
+        return {}
+
+    def numbers(self) -> dict[str, float]:
+        """Return measured numbers for the health of the role, units in their names."""
+        return {}
+
+    def close(self) -> None:
+        """Close the connection to the arm, which holds then."""

@@ -53,11 +53,6 @@ class RobotDriver(ABC):
 
     feedback: FeedbackDoor | None = None  # None: no force feedback inside the controller
 
-    @property
-    @abstractmethod
-    def period_s(self) -> float:
-        """Longest time between two steps [s]."""
-
     # --- report -----------------------------------------------------------------------------------
 
     @abstractmethod
@@ -105,10 +100,6 @@ class RobotDriver(ABC):
         """Return the set point that the arm was given; `setpoint` is the newest one."""
         return setpoint
 
-    def stream_fault(self) -> Trip | None:
-        """Return that the arm has refused a set point of this stream."""
-        return None
-
     # --- goal -------------------------------------------------------------------------------------
 
     @abstractmethod
@@ -126,20 +117,16 @@ class RobotDriver(ABC):
         return True
 
     @abstractmethod
-    def brake(self) -> None:
-        """Brake the goal that runs, and void it if the arm has not begun it."""
-
-    @abstractmethod
     def hold(self, *, begins: bool) -> None:
-        """Brake as the hold begins, and stay at the measured pose. Called in every step of it."""
+        """Brake as it begins; nothing sent before may move the arm later.
 
-    def permitted(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
-        """Prepare for a permitted command other than force feedback, before its door."""
+        Called in every step of a hold, and once when a goal ends other than done.
+        """
 
-    def flush(self) -> None:
-        """Send what is due under a permission, after the door."""
+    def flush(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
+        """Send what is due under a permitted command, after its door."""
 
-    # --- signals and health -----------------------------------------------------------------------
+    # --- signals -----------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the state of the digital signals, or why it is unknown."""
@@ -148,14 +135,3 @@ class RobotDriver(ABC):
     def switch(self, number: int, on: bool) -> Trip | None:  # noqa: ARG002, FBT001 - a `Switch`
         """Switch an output, or return why not."""
         return NO_SIGNALS
-
-    def counters(self) -> dict[str, int]:
-        """Return counters for the health of the role."""
-        return {}
-
-    def numbers(self) -> dict[str, float]:
-        """Return measured numbers for the health of the role, units in their names."""
-        return {}
-
-    def close(self) -> None:
-        """Close the connection to the arm, which holds then."""

@@ -23,7 +23,6 @@ from forcemesh.faults import clipped, tripped
 from forcemesh.messages import (
     Goal,
     GoalReport,
-    GoalState,
     Permission,
     PoseRecord,
     RobotCommand,
@@ -42,6 +41,8 @@ NO_FEEDBACK = tripped(
 
 class RobotService:
     """Service of the role `robot`."""
+
+    period_s = 0.002  # longest time that a report of the arm waits
 
     def __init__(self, bus: Bus, cell: CellConfig, driver: RobotDriver, guard: LastCheck) -> None:
         """Open the topics of the robot, in hold; `guard` checks the limits of the cell."""
@@ -65,24 +66,10 @@ class RobotService:
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._signals = SignalService(bus, cell)
 
-    @property
-    def period_s(self) -> float:
-        """Longest time between two steps [s]."""
-        return self.driver.period_s
-
     def counters(self) -> dict[str, int]:
-        """Return the counters of superseded and refused commands, and those of the driver."""
+        """Return the counters of superseded and refused commands."""
         superseded = self._command.counters.superseded
-        counters = {"command_superseded": superseded, "refusals": self._refusals}
-        return counters | self.driver.counters()
-
-    def numbers(self, now_ns: int) -> dict[str, float]:  # noqa: ARG002 - the same for all
-        """Return the measurements of the driver, without unknown ones."""
-        return self.driver.numbers()
-
-    def close(self) -> None:
-        """Close the connection to the arm."""
-        self.driver.close()
+        return {"command_superseded": superseded, "refusals": self._refusals}
 
     def step(self, now_ns: int) -> None:
         """Read the arm's reports, execute the command or hold, publish the state.
@@ -103,12 +90,8 @@ class RobotService:
                 self._state.put(self._robot_state(report))
         if fault is not None and self._is_due(now_ns):
             self._state.put(self._invalid_state(fault))
-        self._signals.step(
-            now_ns,
-            driver.signals(),
-            hold=self.verdict.hold,
-            switch=driver.switch,
-        )
+        hold = self.verdict.hold
+        self._signals.step(now_ns, driver.signals(), hold=hold, switch=driver.switch)
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -130,9 +113,10 @@ class RobotService:
             return self._gate.revoke(arm_fault)
         try:
             self._begin_lease(accepted.epoch, command.permission, now_ns)
-            trip = self._obey(command, is_new=verdict.is_new, now_ns=now_ns)
+            wrench = self._wrench.read(now_ns)
+            trip = self._obey(command, wrench, is_new=verdict.is_new, now_ns=now_ns)
             if trip is None:
-                self.driver.flush()
+                self.driver.flush(command, wrench.fresh)
                 return verdict
         except LocalProtocolError as error:
             trip = tripped("unsendable", str(error))
@@ -159,10 +143,11 @@ class RobotService:
         assert measured is not None  # noqa: S101 - else there is a fault, and no permission
         return measured
 
-    def _obey(self, command: RobotCommand, *, is_new: bool, now_ns: int) -> Trip | None:
+    def _obey(
+        self, command: RobotCommand, wrench: Reading[WrenchAtTcp], *, is_new: bool, now_ns: int
+    ) -> Trip | None:
         """Execute a permitted command, or return the limit that it violates."""
         self._is_held = False
-        wrench = self._wrench.read(now_ns)
         trip = self._guard.wrench(wrench.fresh, in_move=command.kind == "goal")
         if trip is not None:
             return trip
@@ -170,7 +155,6 @@ class RobotService:
             self._setpoint = None
         if command.kind == "feedback":
             return self._feed_back(command, wrench, now_ns)
-        self.driver.permitted(command, wrench.fresh)
         if command.kind == "setpoint":
             return self._stream(command.pose, now_ns) if is_new else None
         if command.kind == "goal" and command.goal is not None:
@@ -184,7 +168,7 @@ class RobotService:
     def _hold(self, reason: str) -> None:
         """Brake and hold; nothing is resumed."""
         if self._in_progress:
-            self._set_goal("refused", reason)
+            self.goal = self.goal.replaced(state="refused", reason=reason)
         self._setpoint = None
         self._tracking.free()
         self.driver.hold(begins=not self._is_held)
@@ -193,15 +177,15 @@ class RobotService:
     def _idle(self) -> None:
         """Brake an active goal: the permission contains no motion."""
         if self._in_progress:
-            is_sent = self.goal.state == "running"
-            self._set_goal("refused", "the arbiter withdrew the goal")
+            is_sent, reason = self.goal.state == "running", "the arbiter withdrew the goal"
+            self.goal = self.goal.replaced(state="refused", reason=reason)
             if is_sent:
                 self._void()
 
     def _void(self) -> None:
         """Brake a goal that ended other than done."""
         self._tracking.free()
-        self.driver.brake()
+        self.driver.hold(begins=True)
 
     def _feed_back(
         self, command: RobotCommand, wrench: Reading[WrenchAtTcp], now_ns: int
@@ -227,30 +211,26 @@ class RobotService:
         """Whether the goal is neither done nor refused."""
         return self.goal.state in {"queued", "running"}
 
-    def _set_goal(self, state: GoalState, reason: str = "", id_: int | None = None) -> None:
-        """Set the state of the goal, or of another one."""
-        id_ = self.goal.id if id_ is None else id_
-        self.goal = GoalReport(id=id_, state=state, reason=clipped(reason))
-
     def _pursue(self, goal: Goal, speed: Speed) -> None:
         is_same = goal.id == self.goal.id
         if is_same and self.goal.state != "queued":
             return
         if not is_same and self._in_progress:
             self._idle()
-            self._set_goal("refused", "another goal was in progress; it is braked", goal.id)
+            text = "another goal was in progress; it is braked"
+            self.goal = GoalReport(id=goal.id, state="refused", reason=text)
             return
         if not self.driver.may_begin(goal.kind):
-            self._set_goal("queued", id_=goal.id)
+            self.goal = GoalReport(id=goal.id, state="queued")
             return
         measured = self._measured
         T, joint_rad = measured.T_base_flange, measured.joint_rad
         trip = self._guard.goal(goal, speed, T, joint_rad)
         reason = self.driver.goal(goal, speed) if trip is None else trip.text
         if reason:
-            self._set_goal("refused", reason, goal.id)
+            self.goal = GoalReport(id=goal.id, state="refused", reason=clipped(reason))
             return
-        self._set_goal("running", id_=goal.id)
+        self.goal = GoalReport(id=goal.id, state="running")
         if goal.kind == "pose" and goal.pose is not None:
             self._tracking.line(T, pose_of(goal.pose))
         else:
@@ -262,7 +242,7 @@ class RobotService:
             return
         state, reason = self.driver.goal_state()
         if state != "running":
-            self._set_goal(state, reason)
+            self.goal = self.goal.replaced(state=state, reason=clipped(reason))
         if state == "refused":
             self._void()
 
@@ -294,8 +274,6 @@ class RobotService:
         if self.verdict.command is not None:
             T, joint_rad, at_ns = report.T_base_flange, report.joint_rad, report.at_ns
             trip = self._guard.arm(T, joint_rad, at_ns)
-            if self._setpoint is not None:
-                trip = trip or self.driver.stream_fault()
             if trip := trip or self._tracking.judge(T, joint_rad, at_ns):
                 self._refusals += 1
                 self.verdict = self._gate.revoke(trip)

@@ -34,13 +34,9 @@ from services.gateway.feedback import ControllerFeedback
 from services.gateway.goals import ControllerReport, Track
 from services.gateway.setpoint_shaper import SetpointShaper
 
-STEP_S = 0.002  # longest time that a report of the controller waits in the socket
-
 
 class ControllerDriver(RobotDriver):
     """A controller behind a connection."""
-
-    period_s = STEP_S
 
     def __init__(
         self,
@@ -51,7 +47,7 @@ class ControllerDriver(RobotDriver):
     ) -> None:
         """Start with nothing sent: every connection begins with hello and hold."""
         self.dialogue = connection.dialogue
-        self._connection, self._shaper, self._reach = connection, shaper, reach
+        self.connection, self._shaper, self._reach = connection, shaper, reach
         self.feedback: ControllerFeedback = ControllerFeedback(
             self.dialogue, connection.send, shaper, cell.tool.T_flange_tcp.pose
         )
@@ -66,74 +62,77 @@ class ControllerDriver(RobotDriver):
         self._shown_ns = 0
 
     def _send(self, data: bytes) -> None:
-        self._connection.send(data, self._now_ns)
+        self.connection.send(data, self._now_ns)
 
     # --- report -----------------------------------------------------------------------------------
 
     def receive(self, now_ns: int) -> None:
         """Serve the link."""
         self._now_ns = now_ns
-        self._is_new = self._connection.poll(now_ns)
+        self._is_new = self.connection.poll(now_ns)
 
     @property
     def measured(self) -> ControllerReport | None:
         """Last report of the controller."""
-        return self._connection.measured
+        return self.connection.measured
 
     def report(self) -> Sequence[ControllerReport]:
         """Return the last report, if it is new."""
-        measured = self._connection.measured
+        measured = self.connection.measured
         return [measured] if self._is_new and measured is not None else []
 
     def link_fault(self) -> Trip | None:
         """Return why the controller cannot be commanded."""
-        fault = self._connection.link_fault(self._now_ns)
-        return tripped(self._connection.code, fault) if fault else None
+        fault = self.connection.link_fault(self._now_ns)
+        return tripped(self.connection.code, fault) if fault else None
 
     def arm_fault(self) -> Trip | None:
         """Return the status bits that prevent motion."""
-        return self._connection.controller_fault()
+        return self.connection.controller_fault()
 
     def status(self, *, held: bool) -> RobotStatus:  # noqa: ARG002 - the controller reports it
         """Return the status of the controller, with its own bits."""
-        return self._connection.status
+        return self.connection.status
 
     def link(self) -> LinkHealth:
         """Return the health of the connection."""
-        return self._connection.link_health()
+        return self.connection.link_health()
 
     @property
     def explains_motion(self) -> bool:
         """Whether a person may move the arm, or force feedback does."""
-        return is_guided(self._connection.status.faults) or self.feedback.active
+        return is_guided(self.connection.status.faults) or self.feedback.active
 
     # --- stream -----------------------------------------------------------------------------------
 
     def stream(self, T_base_flange: pin.SE3, *, begins: bool) -> Trip | None:
         """Offer a set point; the first one is sent at once, after the speed of the stream."""
         if not begins:
+            if self._is_refused:
+                return tripped("robot_refuses", "the controller refused a set point")
             self.dialogue.offer_setpoint(T_base_flange)
             return None
         if (trip := self._shaper.seed(T_base_flange, self._now_ns)) is not None:
             return trip
         self._send(self.dialogue.set_speed(self._stream_speed, self._now_ns))
         self.dialogue.offer_setpoint(T_base_flange)
-        self.flush()
+        self._tick()
         self._stream_from = self.dialogue.window.last
         return None
+
+    @property
+    def _is_refused(self) -> bool:
+        """Whether the controller has refused a set point of this stream."""
+        measured = self.measured
+        return (
+            measured is not None
+            and bool(measured.status & Status.TARGET_REFUSED)
+            and measured.taken >= self._stream_from
+        )
 
     def sent(self, setpoint: PoseRecord) -> PoseRecord | None:  # noqa: ARG002 - it may wait
         """Return the set point that was sent last."""
         return None if self._shaper.last is None else record_of(self._shaper.last)
-
-    def stream_fault(self) -> Trip | None:
-        """Return that the controller has refused a set point of this stream."""
-        measured = self.measured
-        if measured is None or not measured.status & Status.TARGET_REFUSED:
-            return None
-        if measured.taken < self._stream_from:
-            return None
-        return tripped("robot_refuses", "the controller refused a set point")
 
     # --- goal -------------------------------------------------------------------------------------
 
@@ -170,23 +169,21 @@ class ControllerDriver(RobotDriver):
 
     # --- both -------------------------------------------------------------------------------------
 
-    def brake(self) -> None:
-        """Send command 8, which brakes, and voids a goal that waits in the controller."""
-        self._send(self.dialogue.hold(self._now_ns))
-
     def hold(self, *, begins: bool) -> None:
-        """Send command 8 once; a new connection begins with it."""
+        """Send command 8 once, which voids what waits; a new connection begins with it."""
         self.feedback.held()
         self._shaper.end()
         if begins and self.dialogue.ready:
-            self.brake()
+            self._send(self.dialogue.hold(self._now_ns))
 
-    def permitted(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
-        """End force feedback and the stream before; show the wrench."""
+    def flush(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
+        """End stream and feedback that are not commanded; send set point, wrench or heartbeat."""
         if command.kind != "setpoint":
             self._shaper.end()
-        self.feedback.end(self._now_ns)
-        self._show(wrench)
+        if command.kind != "feedback":
+            self.feedback.end(self._now_ns)
+            self._show(wrench)
+        self._tick()
 
     def _show(self, wrench: WrenchAtTcp | None) -> None:
         """Offer the wrench for a display in the controller, at the rate of a status."""
@@ -195,34 +192,15 @@ class ControllerDriver(RobotDriver):
             self._shown_ns = self._now_ns
             self.dialogue.show_wrench(wrench.force_N, wrench.torque_Nm)
 
-    def flush(self) -> None:
-        """Send what the dialogue has: set point, wrench or heartbeat."""
+    def _tick(self) -> None:
         self._send(self.dialogue.tick(self._now_ns, permitted=True))
 
-    # --- signals and health -----------------------------------------------------------------------
+    # --- signals -----------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the state of the signals; unknown while the link has a fault."""
-        return self._connection.signals(self._now_ns)
+        return self.connection.signals(self._now_ns)
 
     def switch(self, number: int, on: bool) -> Trip | None:  # noqa: FBT001 - a `Switch`
         """Switch an output."""
-        return self._connection.switch(number, on=on, now_ns=self._now_ns)
-
-    def counters(self) -> dict[str, int]:
-        """Return the counters of the connection and of pending commands."""
-        link, window = self._connection.link_health(), self.dialogue.window
-        return {
-            "reconnects": link.reconnects,
-            "protocol_errors": link.errors,
-            "unexecuted": window.unexecuted,
-            "unacknowledged": window.unacknowledged,
-        }
-
-    def numbers(self) -> dict[str, float]:
-        """Return the measurements of the controller, without unknown ones."""
-        return self._connection.numbers(self._now_ns)
-
-    def close(self) -> None:
-        """Close the connection, at whose end the controller holds."""
-        self._connection.close(self._now_ns)
+        return self.connection.switch(number, on=on, now_ns=self._now_ns)

@@ -45,10 +45,6 @@ class Track:
     counter: int = -1  # of the last report evaluated
     agreeing: int = 0  # consecutive reports with the same state
 
-    def ended(self, state: GoalState, reason: str = "") -> "Track":
-        """Return the goal with its final state."""
-        return replace(self, state=state, reason=reason)
-
 
 def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int, *, reach: Reach = REACH) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
@@ -64,9 +60,8 @@ def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
         return track
     if measured.taken < track.packet:
         if now_ns - track.sent_ns > EXECUTION_WITHIN_NS:
-            return track.ended(
-                "refused", f"not taken by the controller within {EXECUTION_WITHIN_NS / 1e9:g} s"
-            )
+            reason = f"not taken by the controller within {EXECUTION_WITHIN_NS / 1e9:g} s"
+            return replace(track, state="refused", reason=reason)
         return track
     if measured.counter == track.counter:
         return track
@@ -77,7 +72,7 @@ def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     )
     if candidate == "running" or agreeing < REPORTS_TO_CONFIRM:
         return track
-    return track.ended(candidate, reason)
+    return replace(track, state=candidate, reason=reason)
 
 
 def _verdict(

@@ -60,6 +60,25 @@ class Gateway(RobotService):
             signals=ControllerSignals(cell.signals),
         )
         super().__init__(bus, cell, ControllerDriver(cell, connection, shaper, reach), guard)
+        self._clock = bus.clock
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of commands, of pending packets and of reconnections."""
+        connection, window = self.driver.connection, self.driver.dialogue.window
+        return super().counters() | {
+            "reconnects": connection.link_health().reconnects,
+            "protocol_errors": connection.errors,
+            "unexecuted": window.unexecuted,
+            "unacknowledged": window.unacknowledged,
+        }
+
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return the measurements of the controller, without unknown ones."""
+        return self.driver.connection.numbers(now_ns)
+
+    def close(self) -> None:
+        """Close the connection, at whose end the controller holds."""
+        self.driver.connection.close(self._clock.now_ns())
 
 
 def set_point_step(cell: CellConfig, section: GatewaySection) -> tuple[float, float]:

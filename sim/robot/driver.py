@@ -40,7 +40,7 @@ class SimDriver(RobotDriver):
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._seeded = True  # the commanded pose is the measured one of this hold
-        self._start_ns, self._ticks_lost = now_ns, 0
+        self._start_ns, self.ticks_lost = now_ns, 0
         self._has_last_tick = False  # of this step
         self._reports: list[ArmReport] = []
         self._signals = SimSignals(cell)
@@ -48,15 +48,10 @@ class SimDriver(RobotDriver):
     # --- report -----------------------------------------------------------------------------------
 
     @property
-    def period_s(self) -> float:
-        """Time from one message to the next [s]."""
-        return self.wake_ticks * TICK_S
-
-    @property
     def due_ns(self) -> int:
         """Time of the tick of the next message: ticks and messages have one grid."""
         next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
-        return self._start_ns + (next_tick + self._ticks_lost) * TICK_NS
+        return self._start_ns + (next_tick + self.ticks_lost) * TICK_NS
 
     @property
     def measured(self) -> ArmReport:
@@ -65,7 +60,7 @@ class SimDriver(RobotDriver):
             T_base_flange=self.arm.T_base_flange,
             joint_rad=tuple(self.arm.q.tolist()),
             moving=self._motion.state in BUSY or self.arm.moving,
-            at_ns=self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS,
+            at_ns=self._start_ns + (self.arm.ticks + self.ticks_lost) * TICK_NS,
         )
 
     def link_fault(self) -> None:
@@ -73,8 +68,8 @@ class SimDriver(RobotDriver):
 
     def receive(self, now_ns: int) -> None:
         """Advance the physics to the clock, but for the last tick."""
-        elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self._ticks_lost
-        self._ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
+        elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self.ticks_lost
+        self.ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
         self._has_last_tick = elapsed > 0
         for _ in range(1, min(elapsed, MOST_TICKS_PER_STEP)):
             self._tick()
@@ -119,10 +114,6 @@ class SimDriver(RobotDriver):
         is_running = self._motion.state in BUSY or self.arm.moving
         return "running" if is_running else "done", ""
 
-    def brake(self) -> None:
-        """Brake along the path."""
-        self._motion.brake()
-
     def hold(self, *, begins: bool) -> None:
         """Brake; once at rest, command the measured pose, so that no command is pending."""
         if begins:
@@ -132,7 +123,7 @@ class SimDriver(RobotDriver):
             self._motion.reseed(self.arm.q)
             self._seeded = True
 
-    # --- signals and health -----------------------------------------------------------------------
+    # --- signals -----------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the present state of the signals."""
@@ -141,7 +132,3 @@ class SimDriver(RobotDriver):
     def switch(self, number: int, on: bool) -> None:  # noqa: FBT001 - a `Switch`
         """Switch an output."""
         self._signals.switch(number, on)
-
-    def counters(self) -> dict[str, int]:
-        """Return the lost time."""
-        return {"ticks_lost": self._ticks_lost}

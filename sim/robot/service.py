@@ -37,8 +37,13 @@ class SimRobot(RobotService):
         sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         driver.after_tick.append(sensor.ticked)
         driver.wake_ticks = gcd(driver.wake_ticks, sensor.ticks)
+        self.period_s = driver.wake_ticks * TICK_S
         if (trace := trace_from_environment(self.arm, bus.clock)) is not None:
             driver.after_tick.append(trace.ticked)
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of commands and of lost time."""
+        return super().counters() | {"ticks_lost": self.driver.ticks_lost}
 
     @property
     def due_ns(self) -> int:

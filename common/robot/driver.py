@@ -51,13 +51,17 @@ class RobotDriver(ABC):
     raises LocalProtocolError, which ends the lease.
     """
 
+    link_fault: Trip | None = NO_REPORT  # why the state of the arm is not known
+    arm_fault: Trip | None = None  # why the arm would not follow a command
+    link = LinkHealth(connected=True, round_trip_s=0.0)
+    status: RobotStatus | None = None  # None: ready, without a fault
     feedback: FeedbackDoor | None = None  # None: no force feedback inside the controller
 
     # --- report -----------------------------------------------------------------------------------
 
     @abstractmethod
     def receive(self, now_ns: int) -> None:
-        """Begin a step at this time: take in what the arm has sent."""
+        """Begin a step at this time: take in what the arm has sent, and set faults and status."""
 
     @property
     @abstractmethod
@@ -67,23 +71,6 @@ class RobotDriver(ABC):
     @abstractmethod
     def report(self) -> Sequence[ArmReport]:
         """Return the new reports of this step, oldest first."""
-
-    def link_fault(self) -> Trip | None:
-        """Return why the state of the arm is not known, None when it is."""
-        return NO_REPORT if self.measured is None else None
-
-    def arm_fault(self) -> Trip | None:
-        """Return why the arm would not follow a command, None when it would."""
-        return None
-
-    def status(self, *, held: bool) -> RobotStatus:
-        """Return the status to publish; `held`: the service holds."""
-        measured = self.measured
-        return RobotStatus(ready=True, moving=measured is not None and measured.moving, held=held)
-
-    def link(self) -> LinkHealth:
-        """Return the health of the link to the arm."""
-        return LinkHealth(connected=True, round_trip_s=0.0)
 
     @property
     def explains_motion(self) -> bool:

@@ -23,10 +23,11 @@ from forcemesh.faults import clipped, tripped
 from forcemesh.messages import (
     Goal,
     GoalReport,
-    Permission,
     PoseRecord,
+    Purpose,
     RobotCommand,
     RobotState,
+    RobotStatus,
     Speed,
     Trip,
     WrenchAtTcp,
@@ -78,12 +79,13 @@ class RobotService:
         """
         driver = self.driver
         driver.receive(now_ns)
-        fault = driver.link_fault()
+        fault = driver.link_fault
         self.fault = "" if fault is None else fault.text
         self.verdict = self._judge(fault, now_ns)
         if self.verdict.command is None:
             self._hold(self.verdict.hold_reason)
-        self._follow_goal()
+        if self.goal.state == "running":
+            self._follow_goal()
         for report in driver.report():
             self._watch(report)
             if fault is None and self._is_due(report.at_ns, EARLY):
@@ -102,7 +104,7 @@ class RobotService:
             if self.driver.measured is None:  # it may be moved unseen
                 self._resting.explain()
             return self._gate.revoke(fault)
-        command, accepted, arm_fault = verdict.command, verdict.accepted, self.driver.arm_fault()
+        command, accepted, arm_fault = verdict.command, verdict.accepted, self.driver.arm_fault
         if command is None or command.permission is None or accepted is None:
             if arm_fault is None:
                 return verdict
@@ -112,7 +114,9 @@ class RobotService:
         if arm_fault is not None:
             return self._gate.revoke(arm_fault)
         try:
-            self._begin_lease(accepted.epoch, command.permission, now_ns)
+            lease = (accepted.epoch, command.permission.lease)
+            if lease != self._lease:
+                self._begin_lease(lease, command.permission.purpose, now_ns)
             wrench = self._wrench.read(now_ns)
             trip = self._obey(command, wrench, is_new=verdict.is_new, now_ns=now_ns)
             if trip is None:
@@ -123,18 +127,15 @@ class RobotService:
         self._refusals += 1
         return self._gate.revoke(trip)
 
-    def _begin_lease(self, epoch: int, permission: Permission, now_ns: int) -> None:
-        """Begin a lease, unless it is the present one."""
-        if (epoch, permission.lease) == self._lease:
-            return
+    def _begin_lease(self, lease: tuple[int, int], purpose: Purpose, now_ns: int) -> None:
         if not self._is_held:  # an arm may measure its own limits from a hold
             self._hold("armed again")
-        if self._lease is None or epoch != self._lease[0]:
+        if self._lease is None or lease[0] != self._lease[0]:
             # A new arbiter restarts its goal numbers: its first goal is not an executed one.
             self.goal = GoalReport()
-        self._lease, self._has_braked = (epoch, permission.lease), False
+        self._lease, self._has_braked = lease, False
         self._resting.explain()
-        self._guard.start(self._measured.T_base_flange, now_ns, permission.purpose)
+        self._guard.start(self._measured.T_base_flange, now_ns, purpose)
 
     @property
     def _measured(self) -> ArmReport:
@@ -238,8 +239,6 @@ class RobotService:
 
     def _follow_goal(self) -> None:
         """Update the state of the goal that runs."""
-        if self.goal.state != "running":
-            return
         state, reason = self.driver.goal_state()
         if state != "running":
             self.goal = self.goal.replaced(state=state, reason=clipped(reason))
@@ -270,32 +269,26 @@ class RobotService:
     # --- reports ----------------------------------------------------------------------------------
 
     def _watch(self, report: ArmReport) -> None:
-        """Check a report; a violation ends the lease, an unexplained motion also holds."""
+        """Check a report; a violation ends the lease.
+
+        An arm that nothing moves must stay where it is; a finding holds until the next lease.
+        Braking is part of the run-out.
+        """
+        T, at_ns = report.T_base_flange, report.at_ns
         if self.verdict.command is not None:
-            T, joint_rad, at_ns = report.T_base_flange, report.joint_rad, report.at_ns
-            trip = self._guard.arm(T, joint_rad, at_ns)
-            if trip := trip or self._tracking.judge(T, joint_rad, at_ns):
+            trip = self._guard.arm(T, report.joint_rad, at_ns)
+            if trip := trip or self._tracking.judge(T, report.joint_rad, at_ns):
                 self._refusals += 1
                 self.verdict = self._gate.revoke(trip)
                 self._hold(trip.text)
-        self._watch_rest(report)
-
-    def _watch_rest(self, report: ArmReport) -> None:
-        """Check that an arm that nothing moves stays where it is; a finding holds until a lease.
-
-        Braking is part of the run-out.
-        """
         is_commanded = self.goal.state == "running" or self._setpoint is not None
         if is_commanded or self._lease is None or self.driver.explains_motion:
             self._resting.explain()
-            return
-        trip = self._resting.judge(report.T_base_flange, report.at_ns)
-        if trip is None:
-            return
-        if not self._has_braked:
-            self._has_braked, self._is_held = True, False
-            self._hold(trip.text)
-        self.verdict = self._gate.revoke(trip)
+        elif (trip := self._resting.judge(T, at_ns)) is not None:
+            if not self._has_braked:
+                self._has_braked, self._is_held = True, False
+                self._hold(trip.text)
+            self.verdict = self._gate.revoke(trip)
 
     # --- state ------------------------------------------------------------------------------------
 
@@ -313,7 +306,7 @@ class RobotService:
             code=fault.code,
             goal=self.goal,
             hold=self.verdict.hold,
-            link=self.driver.link(),
+            link=self.driver.link,
         )
 
     def _robot_state(self, report: ArmReport) -> RobotState:
@@ -322,11 +315,12 @@ class RobotService:
             position_m=flange.position_m,
             orientation_xyzw=flange.orientation_xyzw,
             joint_rad=report.joint_rad,
-            status=self.driver.status(held=hold is not None),
+            status=self.driver.status
+            or RobotStatus(ready=True, moving=report.moving, held=hold is not None),
             goal=self.goal,
             accepted=self.verdict.accepted,
             sent=None if self._setpoint is None else self.driver.sent(self._setpoint),
             hold=hold,
-            link=self.driver.link(),
+            link=self.driver.link,
             challenge=self._gate.challenge,
         )

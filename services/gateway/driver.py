@@ -20,10 +20,8 @@ from forcemesh.faults import tripped
 from forcemesh.messages import (
     Goal,
     GoalState,
-    LinkHealth,
     PoseRecord,
     RobotCommand,
-    RobotStatus,
     Speed,
     Trip,
     WrenchAtTcp,
@@ -68,8 +66,12 @@ class ControllerDriver(RobotDriver):
 
     def receive(self, now_ns: int) -> None:
         """Serve the link."""
-        self._now_ns = now_ns
-        self._is_new = self.connection.poll(now_ns)
+        connection, self._now_ns = self.connection, now_ns
+        self._is_new = connection.poll(now_ns)
+        fault = connection.link_fault(now_ns)
+        self.link_fault = tripped(connection.code, fault) if fault else None
+        self.arm_fault = connection.controller_fault()
+        self.link, self.status = connection.link_health(), connection.status
 
     @property
     def measured(self) -> ControllerReport | None:
@@ -80,23 +82,6 @@ class ControllerDriver(RobotDriver):
         """Return the last report, if it is new."""
         measured = self.connection.measured
         return [measured] if self._is_new and measured is not None else []
-
-    def link_fault(self) -> Trip | None:
-        """Return why the controller cannot be commanded."""
-        fault = self.connection.link_fault(self._now_ns)
-        return tripped(self.connection.code, fault) if fault else None
-
-    def arm_fault(self) -> Trip | None:
-        """Return the status bits that prevent motion."""
-        return self.connection.controller_fault()
-
-    def status(self, *, held: bool) -> RobotStatus:  # noqa: ARG002 - the controller reports it
-        """Return the status of the controller, with its own bits."""
-        return self.connection.status
-
-    def link(self) -> LinkHealth:
-        """Return the health of the connection."""
-        return self.connection.link_health()
 
     @property
     def explains_motion(self) -> bool:

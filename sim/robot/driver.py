@@ -30,28 +30,23 @@ class SimDriver(RobotDriver):
     which is cheaper than waking for each.
     """
 
+    link_fault = None  # the state of this arm is always known
+
     def __init__(self, cell: CellConfig, now_ns: int) -> None:
         """Start at rest at home; the first tick is a millisecond from now."""
         settings = SimSettings.of(cell)
         self.arm = SimArm(settings, seed=settings.seed)
         self.after_tick: list[Callable[[], object]] = []
-        self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
-        self.wake_ticks = self._state_ticks  # the service steps at each multiple
+        self.state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._seeded = True  # the commanded pose is the measured one of this hold
-        self._start_ns, self.ticks_lost = now_ns, 0
+        self.ticks_lost, self._start_ns = 0, now_ns
         self._has_last_tick = False  # of this step
         self._reports: list[ArmReport] = []
         self._signals = SimSignals(cell)
 
     # --- report -----------------------------------------------------------------------------------
-
-    @property
-    def due_ns(self) -> int:
-        """Time of the tick of the next message: ticks and messages have one grid."""
-        next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
-        return self._start_ns + (next_tick + self.ticks_lost) * TICK_NS
 
     @property
     def measured(self) -> ArmReport:
@@ -60,11 +55,12 @@ class SimDriver(RobotDriver):
             T_base_flange=self.arm.T_base_flange,
             joint_rad=tuple(self.arm.q.tolist()),
             moving=self._motion.state in BUSY or self.arm.moving,
-            at_ns=self._start_ns + (self.arm.ticks + self.ticks_lost) * TICK_NS,
+            at_ns=self.time_of(self.arm.ticks),
         )
 
-    def link_fault(self) -> None:
-        """Return None: the state of the arm is always known."""
+    def time_of(self, tick: int) -> int:
+        """Return the time of a tick."""
+        return self._start_ns + (tick + self.ticks_lost) * TICK_NS
 
     def receive(self, now_ns: int) -> None:
         """Advance the physics to the clock, but for the last tick."""
@@ -86,7 +82,7 @@ class SimDriver(RobotDriver):
         self.arm.step()
         for ticked in self.after_tick:
             ticked()
-        if self.arm.ticks % self._state_ticks == 0:
+        if self.arm.ticks % self.state_ticks == 0:
             self._reports.append(self.measured)
 
     @property

@@ -36,8 +36,8 @@ class SimRobot(RobotService):
         super().__init__(bus, cell, driver, LastCheck(cell, self.arm.kinematics.flange_pose))
         sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         driver.after_tick.append(sensor.ticked)
-        driver.wake_ticks = gcd(driver.wake_ticks, sensor.ticks)
-        self.period_s = driver.wake_ticks * TICK_S
+        self.wake_ticks = gcd(driver.state_ticks, sensor.ticks)
+        self.period_s = self.wake_ticks * TICK_S
         if (trace := trace_from_environment(self.arm, bus.clock)) is not None:
             driver.after_tick.append(trace.ticked)
 
@@ -47,8 +47,8 @@ class SimRobot(RobotService):
 
     @property
     def due_ns(self) -> int:
-        """Time of the next message."""
-        return self.driver.due_ns
+        """Time of the tick of the next message: ticks and messages have one grid."""
+        return self.driver.time_of((self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks)
 
 
 class SensorFeed:

@@ -39,7 +39,6 @@ class StillArm(RobotDriver):
     def __init__(self) -> None:
         self.calls: list[Any] = []
         self.period_ns = REPORT_NS
-        self.faulty: Trip | None = None
         self.begins = True
         self.moving = False
         self.state: tuple[GoalState, str] = ("running", "")
@@ -52,16 +51,12 @@ class StillArm(RobotDriver):
         if now_ns >= self._due_ns and self.period_ns:
             self._due_ns = now_ns + self.period_ns
             self.measured = ArmReport(HOME, HOME_RAD, self.moving, now_ns)
-            self._new = [self.measured]
+            self._new, self.link_fault = [self.measured], None
 
     def report(self) -> list[ArmReport]:
         """Return the new report."""
         new, self._new = self._new, []
         return new
-
-    def arm_fault(self) -> Trip | None:
-        """Return what the test has set."""
-        return self.faulty
 
     def stream(self, T_base_flange: pin.SE3, *, begins: bool) -> Trip | None:
         """Note the height above home."""
@@ -153,7 +148,6 @@ def test_an_arm_without_a_controller_of_its_own_is_ready_moving_or_held() -> Non
         NO_SIGNALS.text,
     )
     assert bench.arm.switch(1, True) == NO_SIGNALS
-    assert (bench.arm.measured is None, bench.arm.link_fault()) == (False, None)
 
 
 def test_a_stream_begins_at_the_measured_pose_and_again_after_a_hold() -> None:
@@ -229,11 +223,11 @@ def test_a_command_that_cannot_be_sent_ends_the_lease() -> None:
 def test_a_fault_of_the_arm_ends_the_lease_and_stands_before_its_end() -> None:
     """The cause is published as long as it lasts."""
     bench = Bench()
-    bench.arm.faulty = tripped("robot_motors", "the motors are off")
+    bench.arm.arm_fault = tripped("robot_motors", "the motors are off")
     assert bench.after("idle") == ["brake"]
     assert bench.rig.state.hold_code == "robot_motors"
     assert bench.rig.state.hold_reason.startswith("the motors are off; lease 1 ended")
-    bench.arm.faulty = None
+    bench.arm.arm_fault = None
     bench.rig.advance(0.03)
     assert bench.rig.state.hold_code == "robot_motors"  # of the ended lease
     assert bench.rig.state.hold_reason.startswith("lease 1 ended")

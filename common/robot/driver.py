@@ -8,7 +8,6 @@ The other methods have a default for an arm that has no such thing.
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
 
 import pinocchio as pin
 
@@ -29,19 +28,11 @@ from forcemesh.messages import (
 )
 
 NO_REPORT = tripped("robot_link", "the robot has not reported its pose yet")
+NO_FEEDBACK = tripped(
+    "robot_refuses",
+    "force feedback in the controller requires a controller; this robot has none",
+)
 NO_SIGNALS = tripped("robot_refuses", "this robot has no digital signals")
-
-
-class FeedbackDoor(Protocol):
-    """Force feedback that runs inside the controller."""
-
-    def run(
-        self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int], now_ns: int
-    ) -> Trip | None:
-        """Start, feed or change force feedback; return why it cannot run.
-
-        `sample` is epoch and number of the wrench: each is to be sent once.
-        """
 
 
 class RobotDriver(ABC):
@@ -55,7 +46,6 @@ class RobotDriver(ABC):
     arm_fault: Trip | None = None  # why the arm would not follow a command
     link = LinkHealth(connected=True, round_trip_s=0.0)
     status: RobotStatus | None = None  # None: ready, without a fault
-    feedback: FeedbackDoor | None = None  # None: no force feedback inside the controller
 
     # --- report -----------------------------------------------------------------------------------
 
@@ -110,10 +100,22 @@ class RobotDriver(ABC):
         Called in every step of a hold, and once when a goal ends other than done.
         """
 
+    def feed_back(
+        self,
+        feedback: Feedback,  # noqa: ARG002 - of an override
+        wrench: WrenchAtTcp,  # noqa: ARG002
+        sample: tuple[int, int],  # noqa: ARG002
+    ) -> Trip | None:
+        """Start, feed or change force feedback in the controller; return why it cannot run.
+
+        `sample` is epoch and number of the wrench: each is to be sent once.
+        """
+        return NO_FEEDBACK
+
     def flush(self, command: RobotCommand, wrench: WrenchAtTcp | None) -> None:
         """Send what is due under a permitted command, after its door."""
 
-    # --- signals -----------------------------------------------------------------------
+    # --- signals ----------------------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the state of the digital signals, or why it is unknown."""

@@ -34,10 +34,6 @@ from forcemesh.messages import (
 )
 
 EARLY = 0.75  # least share of a period between two published reports
-NO_FEEDBACK = tripped(
-    "robot_refuses",
-    "force feedback in the controller requires a controller; this robot has none",
-)
 
 
 class RobotService:
@@ -155,7 +151,7 @@ class RobotService:
         if command.kind != "setpoint":
             self._setpoint = None
         if command.kind == "feedback":
-            return self._feed_back(command, wrench, now_ns)
+            return self._feed_back(command, wrench)
         if command.kind == "setpoint":
             return self._stream(command.pose, now_ns) if is_new else None
         if command.kind == "goal" and command.goal is not None:
@@ -181,19 +177,11 @@ class RobotService:
             is_sent, reason = self.goal.state == "running", "the arbiter withdrew the goal"
             self.goal = self.goal.replaced(state="refused", reason=reason)
             if is_sent:
-                self._void()
+                self._tracking.free()
+                self.driver.hold(begins=True)
 
-    def _void(self) -> None:
-        """Brake a goal that ended other than done."""
-        self._tracking.free()
-        self.driver.hold(begins=True)
-
-    def _feed_back(
-        self, command: RobotCommand, wrench: Reading[WrenchAtTcp], now_ns: int
-    ) -> Trip | None:
-        feedback, permission, door = command.feedback, command.permission, self.driver.feedback
-        if door is None:
-            return NO_FEEDBACK
+    def _feed_back(self, command: RobotCommand, wrench: Reading[WrenchAtTcp]) -> Trip | None:
+        feedback, permission = command.feedback, command.permission
         if feedback is None or permission is None or permission.host != "controller":
             return tripped("host", "force feedback needs a permission for host controller")
         if wrench.fresh is None or wrench.header is None:
@@ -203,7 +191,7 @@ class RobotService:
         self._tracking.free()
         self._idle()
         sample = (wrench.header.epoch, wrench.header.seq)
-        return door.run(feedback, wrench.fresh, sample, now_ns)
+        return self.driver.feed_back(feedback, wrench.fresh, sample)
 
     # --- goals and set points ---------------------------------------------------------------------
 
@@ -243,7 +231,8 @@ class RobotService:
         if state != "running":
             self.goal = self.goal.replaced(state=state, reason=clipped(reason))
         if state == "refused":
-            self._void()
+            self._tracking.free()
+            self.driver.hold(begins=True)
 
     def _stream(self, pose: PoseRecord | None, now_ns: int) -> Trip | None:
         """Follow a set point; the first of a stream is the measured pose, to avoid a jump."""

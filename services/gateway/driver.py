@@ -5,11 +5,16 @@ gaps.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import dist
 
+import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
+from common.motion.frames import plus
+from common.motion.limits import LEVER_M, share_at
 from common.motion.unexplained import REACH, Reach, is_guided
 from common.robot.driver import RobotDriver
 from common.runtime.signal_service import SignalReading
@@ -18,19 +23,49 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError
 from forcemesh.faults import tripped
 from forcemesh.messages import (
+    Feedback,
     Goal,
     GoalState,
     PoseRecord,
     RobotCommand,
     Speed,
     Trip,
+    Vec3,
     WrenchAtTcp,
 )
 from services.gateway import goals
 from services.gateway.connection import ControllerConnection
-from services.gateway.feedback import ControllerFeedback
 from services.gateway.goals import ControllerReport, Track
 from services.gateway.setpoint_shaper import SetpointShaper
+
+FEEDBACK_STARTS_WITHIN_S = 1.0
+CENTRE_STEP_M = 3e-3  # travel of the contact point below which no command is sent
+
+
+@dataclass(slots=True)
+class RunningFeedback:
+    """Force feedback requested from the controller."""
+
+    feedback: Feedback
+    since_ns: int
+    lever_m: Vec3  # sent to the controller last
+
+
+def slow_setpoint(feedback: Feedback, wrench: WrenchAtTcp) -> tuple[Vec3, Vec3]:
+    """Return the set point [N, N m], nearer to the reading where it would be too fast."""
+    gains, fastest = feedback.gains, feedback.speed_m_s
+    force, torque = feedback.setpoint_force_N, feedback.setpoint_torque_Nm
+    if fastest is None:
+        return force, torque
+    parts = (
+        (wrench.force_N, force, gains.force_i_m_per_Ns, fastest),
+        (wrench.torque_Nm, torque, gains.torque_i_rad_per_Nms, fastest / LEVER_M),
+    )
+    nearer = []
+    for reading, setpoint, gain, speed in parts:
+        share = share_at(speed, plus(reading, setpoint, -1.0), gain)
+        nearer.append(plus(reading, plus(setpoint, reading, -1.0), share))
+    return nearer[0], nearer[1]
 
 
 class ControllerDriver(RobotDriver):
@@ -46,9 +81,9 @@ class ControllerDriver(RobotDriver):
         """Start with nothing sent: every connection begins with hello and hold."""
         self.dialogue = connection.dialogue
         self.connection, self._shaper, self._reach = connection, shaper, reach
-        self.feedback: ControllerFeedback = ControllerFeedback(
-            self.dialogue, connection.send, shaper, cell.tool.T_flange_tcp.pose
-        )
+        self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
+        self._running: RunningFeedback | None = None
+        self._last_wrench: tuple[int, int] | None = None
         self._now_ns = 0
         self._is_new = False  # the report of this step
         # The largest speed at which the controller follows set points.
@@ -86,7 +121,11 @@ class ControllerDriver(RobotDriver):
     @property
     def explains_motion(self) -> bool:
         """Whether a person may move the arm, or force feedback does."""
-        return is_guided(self.connection.status.faults) or self.feedback.active
+        return (
+            is_guided(self.connection.status.faults)
+            or self._running is not None
+            or self.dialogue.feedback_active
+        )
 
     # --- stream -----------------------------------------------------------------------------------
 
@@ -156,7 +195,7 @@ class ControllerDriver(RobotDriver):
 
     def hold(self, *, begins: bool) -> None:
         """Send command 8 once, which voids what waits; a new connection begins with it."""
-        self.feedback.held()
+        self._running = None
         self._shaper.end()
         if begins and self.dialogue.ready:
             self._send(self.dialogue.hold(self._now_ns))
@@ -166,7 +205,7 @@ class ControllerDriver(RobotDriver):
         if command.kind != "setpoint":
             self._shaper.end()
         if command.kind != "feedback":
-            self.feedback.end(self._now_ns)
+            self._end_feedback()
             self._show(wrench)
         self._tick()
 
@@ -180,7 +219,73 @@ class ControllerDriver(RobotDriver):
     def _tick(self) -> None:
         self._send(self.dialogue.tick(self._now_ns, permitted=True))
 
-    # --- signals -----------------------------------------------------------------------
+    # --- force feedback ---------------------------------------------------------------------------
+
+    def feed_back(
+        self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int]
+    ) -> Trip | None:
+        """Start, feed or change force feedback; return why it cannot run."""
+        self._shaper.end()
+        running = self._running
+        if running is None:
+            self._start_feedback(feedback)
+        elif not self.dialogue.feedback_active:
+            return tripped("feedback", "the controller has ended force feedback by itself")
+        elif feedback.mode != running.feedback.mode:
+            self._end_feedback()
+        else:
+            if feedback.gains != running.feedback.gains:
+                self.dialogue.offer_gains(feedback.gains)
+            running.lever_m = self._move_centre(running, feedback)
+            running.feedback = feedback
+            return self._offer_wrench(running, wrench, sample)
+        return None
+
+    def _start_feedback(self, feedback: Feedback) -> None:
+        if not self.dialogue.may_begin:
+            return
+        now_ns = self._now_ns
+        self._send(self.dialogue.set_centre(self._centre(feedback), now_ns))
+        data = self.dialogue.start_feedback(
+            feedback.mode, feedback.gains, permitted=True, now_ns=now_ns
+        )
+        self._send(data)
+        self._shaper.moved_otherwise()
+        self._running = RunningFeedback(feedback, now_ns, feedback.lever_m)
+
+    def _end_feedback(self) -> None:
+        """Stop feedback that was started."""
+        if self._running is not None:
+            self._running = None
+            self._send(self.dialogue.stop_feedback(self._now_ns))
+
+    def _move_centre(self, running: RunningFeedback, feedback: Feedback) -> Vec3:
+        """Offer the contact point as centre of rotation when it has moved; return the lever."""
+        travel_m = dist(feedback.lever_m, running.lever_m)
+        if travel_m < CENTRE_STEP_M:
+            return running.lever_m
+        self.dialogue.offer_centre(self._centre(feedback))
+        return feedback.lever_m
+
+    def _centre(self, feedback: Feedback) -> pin.SE3:
+        """Return the centre of rotation as a frame in the flange's, with the TCP's axes."""
+        T = self._T_flange_tcp
+        return pin.SE3(T.rotation, T.translation + np.array(feedback.lever_m))
+
+    def _offer_wrench(
+        self, running: RunningFeedback, wrench: WrenchAtTcp, sample: tuple[int, int]
+    ) -> Trip | None:
+        """Offer each sample once: the controller integrates every wrench it receives."""
+        if not self.dialogue.feedback_reported:
+            if self._now_ns - running.since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
+                return tripped("feedback", "the controller did not start force feedback")
+        elif sample != self._last_wrench:
+            self._last_wrench = sample
+            setpoint = slow_setpoint(running.feedback, wrench)
+            self.dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, *setpoint)
+        return None
+
+    # --- signals ----------------------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the state of the signals; unknown while the link has a fault."""

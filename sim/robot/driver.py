@@ -119,7 +119,7 @@ class SimDriver(RobotDriver):
             self._motion.reseed(self.arm.q)
             self._seeded = True
 
-    # --- signals -----------------------------------------------------------------------
+    # --- signals ----------------------------------------------------------------------------------
 
     def signals(self) -> SignalReading:
         """Return the present state of the signals."""

@@ -10,7 +10,7 @@ import pytest
 from controller.packet import PACKET_CHARS, Packet
 from controller.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
 from forcemesh.messages import Feedback, Gains, Vec3
-from services.gateway.feedback import CENTRE_STEP_M
+from services.gateway.driver import CENTRE_STEP_M
 from tests.fakes.gateway_world import FaultyController, GatewayWorld
 
 GAINS = Gains(force_p_m_per_N=(1e-5, 1e-5, 1e-5))

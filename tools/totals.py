@@ -21,7 +21,7 @@ TOP = "README.md and others"
 ROOMS = {
     "control path": (
         "control", "services/wrench", "services/regulator", "services/arbiter", "services/gateway",
-        "common/motion", "common/runtime",
+        "common/motion", "common/robot", "common/runtime",
     ),
     "other services": ("services",),
     "rest of common, forcemesh, controller, launch": (

@@ -249,6 +249,7 @@ class ControllerConnection:
             self.measured = ControllerReport(
                 T_base_flange=self._pose.T_base_flange,
                 joint_rad=event.joint_rad,
+                moving=bool(event.status & Status.MOVING),
                 status=event.status,
                 counter=event.counter,
                 taken=self.dialogue.window.taken,

@@ -65,7 +65,7 @@ class Dialogue:
         self.ready = False  # both hellos are exchanged
         self._last_sent_ns = 0
         self._motion = self._hold = NONE_YET  # the last ones; a hold voids the motion before
-        self.may_begin = False  # the last hold is taken and the arm at rest: nothing old can move
+        self._is_stopped = False  # the last hold is taken and the arm at rest
         self._setting_up: tuple[Command, ...] = ()
         self._set_up = NONE_YET  # the last of these
         self._chosen = NONE_YET  # the choice of signals to report
@@ -132,7 +132,7 @@ class Dialogue:
             elif isinstance(event, JointReport):
                 self.window.framed_up_to(event.framed_id, now_ns)
                 is_held = Status.HELD in event.status and Status.MOVING not in event.status
-                self.may_begin |= is_held and self._hold <= self.window.framed
+                self._is_stopped |= is_held and self._hold <= self.window.framed
         return events
 
     # --- views ------------------------------------------------------------------------------------
@@ -141,6 +141,11 @@ class Dialogue:
     def feedback_active(self) -> bool:
         """Whether force feedback is requested and not ended, or reported as running."""
         return self.feedback_reported or bool(self._requested_bits)
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether nothing before can move the arm: hold taken, arm at rest, feedback ended."""
+        return self._is_stopped and not self.feedback_active
 
     @property
     def settled(self) -> bool:
@@ -161,7 +166,7 @@ class Dialogue:
         """
         self._stop_motion()
         data = self._send(now_ns, packets.HOLD)
-        self._hold, self._motion, self.may_begin = self.window.last, NONE_YET, False
+        self._hold, self._motion, self._is_stopped = self.window.last, NONE_YET, False
         if not self.is_set_up:
             data += self._send(now_ns, *self._setting_up)
             self._set_up = self.window.last

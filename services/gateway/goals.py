@@ -9,11 +9,11 @@ from common.motion.convert import pose_of
 from common.motion.frames import apart
 from common.motion.limits import joint_goal
 from common.motion.unexplained import REACH, Reach
+from common.robot.report import ArmReport
 from controller.packet_table import Status
-from forcemesh.messages import Goal, GoalReport, GoalState, Joints
+from forcemesh.messages import Goal, GoalState, Joints
 from services.gateway.packet_window import NONE_YET
 
-NO_GOAL = GoalReport()
 EXECUTION_WITHIN_NS = 2_000_000_000
 # Debounce: the controller does not read ID and status of a report at one instant.
 REPORTS_TO_CONFIRM = 2
@@ -21,51 +21,34 @@ STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerReport:
+class ControllerReport(ArmReport):
     """Newest pose and joints reported by the controller."""
 
-    T_base_flange: pin.SE3
-    joint_rad: Joints
     status: Status
     counter: int
     taken: int  # number of the last packet executed by the robot program
-    at_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
     """A goal from its packet to its end."""
 
-    report: GoalReport = NO_GOAL
     packet: int = NONE_YET  # its number
     T_target: pin.SE3 | None = None
     joint_target_rad: Joints | None = None
     sent_ns: int = 0
+    reach: Reach = REACH  # within which it is done
+    state: GoalState = "running"
+    reason: str = ""  # of a refusal
     rest_ns: int | None = None  # since when the packet is executed and the arm at rest
     candidate: GoalState = "running"  # state by the last report
     counter: int = -1  # of the last report evaluated
     agreeing: int = 0  # consecutive reports with the same state
-    reach: Reach = REACH  # within which it is done
-
-    @property
-    def in_progress(self) -> bool:
-        """Whether the goal is neither done nor refused."""
-        return self.report.state in {"queued", "running"}
-
-    def ended(self, state: GoalState, reason: str = "") -> "Track":
-        """Return the goal with its final state."""
-        report = GoalReport(id=self.report.id, state=state, reason=reason[:400])
-        return replace(self, report=report)
-
-
-def refused(goal: Goal, reason: str) -> Track:
-    """Return a goal refused before it was sent."""
-    return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
 
 
 def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int, *, reach: Reach = REACH) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
-    track = Track(GoalReport(id=goal.id, state="running"), packet, sent_ns=now_ns, reach=reach)
+    track = Track(packet, sent_ns=now_ns, reach=reach)
     if goal.kind == "pose" and goal.pose is not None:
         return replace(track, T_target=pose_of(goal.pose))
     return replace(track, joint_target_rad=tuple(joint_goal(goal, joint_rad).tolist()))
@@ -73,13 +56,12 @@ def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int, *, reach: Reac
 
 def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     """Return the goal updated by the newest report."""
-    if track.report.state != "running":
+    if track.state != "running":
         return track
     if measured.taken < track.packet:
         if now_ns - track.sent_ns > EXECUTION_WITHIN_NS:
-            return track.ended(
-                "refused", f"not taken by the controller within {EXECUTION_WITHIN_NS / 1e9:g} s"
-            )
+            reason = f"not taken by the controller within {EXECUTION_WITHIN_NS / 1e9:g} s"
+            return replace(track, state="refused", reason=reason)
         return track
     if measured.counter == track.counter:
         return track
@@ -90,7 +72,7 @@ def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     )
     if candidate == "running" or agreeing < REPORTS_TO_CONFIRM:
         return track
-    return track.ended(candidate, reason)
+    return replace(track, state=candidate, reason=reason)
 
 
 def _verdict(

@@ -1,156 +1,130 @@
-"""Command execution of the simulated robot, checked by the same guard as in the gateway. No bus.
+"""Driver of the simulated robot: commands to arm motions, physics up to the clock. No bus."""
 
-A violated limit is a trip and the caller then ends the lease; a rejected goal does not end it.
-"""
+from collections.abc import Callable, Sequence
 
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.last_check import LastCheck
 from common.motion.limits import joint_goal
-from common.motion.tracking import TrackingMonitor
-from common.motion.unexplained import UnexplainedMotion
+from common.motion.setpoint_monitor import SPEED_MARGIN
+from common.robot.driver import RobotDriver
+from common.robot.report import ArmReport
+from common.runtime.signal_service import SignalReading
+from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
-from forcemesh.messages import (
-    Goal,
-    GoalReport,
-    GoalState,
-    Joints,
-    PoseRecord,
-    RobotCommand,
-    Speed,
-    Trip,
-    WrenchAtTcp,
-)
+from forcemesh.messages import Goal, GoalState, Speed, Trip
 from sim.robot.arm import SimArm
 from sim.robot.motion import BUSY, MotionGenerator
+from sim.robot.settings import TICK_S, SimSettings
+from sim.robot.signals import SimSignals
+
+MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
+TICK_NS = round(TICK_S * NS_PER_S)
 
 
-class SimDriver:
-    """Converts commands into arm motions; rejects commands that violate a limit of the cell."""
+class SimDriver(RobotDriver):
+    """The simulated arm, moved by a motion generator. It reports at the rate of the cell file.
 
-    def __init__(self, cell: CellConfig, arm: SimArm, motion: MotionGenerator) -> None:
-        """Start at rest."""
-        self.goal = GoalReport()
-        self.sent: PoseRecord | None = None  # last set point of the stream, flange in base
-        self._arm, self._motion = arm, motion
-        self._guard = LastCheck(cell, arm.kinematics.flange_pose)
-        self._tracking = TrackingMonitor(cell)
-        self._resting = UnexplainedMotion(cell)
-        self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._seeded = True
+    A command acts from the last tick of its step on. The ticks since the step before are made up,
+    which is cheaper than waking for each.
+    """
 
-    def hold(self, reason: str) -> None:
-        """Brake; once at rest, command the measured pose, so that no command is pending."""
-        self._motion.brake()
-        self.sent = None
-        self._tracking.free()
-        self._void(reason)
-        if not self._seeded and self._motion.state not in BUSY and not self._arm.moving:
-            self._motion.reseed(self._arm.q)
-            self._seeded = True
+    link_fault = None  # the state of this arm is always known
 
-    def obey(
-        self,
-        command: RobotCommand,
-        *,
-        lease: tuple[int, int],
-        wrench: WrenchAtTcp | None,
-        is_new: bool,
-        now_ns: int,
-    ) -> Trip | None:
-        """Execute a permitted command, or return the limit it violates."""
-        if lease != self._lease:
-            if self._lease is None or lease[0] != self._lease[0]:
-                # A new arbiter restarts its goal numbers: its first goal is not an executed one.
-                self.goal = GoalReport()
-            self._void("armed again")
-            self._lease = lease
-            self._resting.explain()
-            purpose = "all" if command.permission is None else command.permission.purpose
-            self._guard.start(self._arm.T_base_flange, now_ns, purpose)
-        if (trip := self._guard.wrench(wrench, in_move=command.kind == "goal")) is not None:
-            return trip
-        self._seeded = False
-        if command.kind == "feedback":
-            text = "force feedback in the controller requires a controller; this robot has none"
-            return tripped("robot_refuses", text)
-        if command.kind == "setpoint":
-            return self._follow(command, now_ns) if is_new else None
-        self.sent = None
-        if command.kind == "goal" and command.goal is not None:
-            self._pursue(command.goal, command.speed)
-            return None
-        self._void("the arbiter withdrew the goal")
-        moving = self._motion.state in BUSY or self._arm.moving
-        self._tracking.rest(self._arm.T_base_flange, moving=moving)
-        return None
+    def __init__(self, cell: CellConfig, now_ns: int) -> None:
+        """Start at rest at home; the first tick is a millisecond from now."""
+        settings = SimSettings.of(cell)
+        self.arm = SimArm(settings, seed=settings.seed)
+        self.after_tick: list[Callable[[], object]] = []
+        self.state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
+        stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
+        self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
+        self._seeded = True  # the commanded pose is the measured one of this hold
+        self.ticks_lost, self._start_ns = 0, now_ns
+        self._has_last_tick = False  # of this step
+        self._reports: list[ArmReport] = []
+        self._signals = SimSignals(cell)
 
-    def watch(self, T_base_flange: pin.SE3, joint_rad: Joints, now_ns: int) -> Trip | None:
-        """Check the measured arm state; called once per report, under permission."""
-        return self._guard.arm(T_base_flange, joint_rad, now_ns) or self._tracking.judge(
-            T_base_flange, joint_rad, now_ns
+    # --- report -----------------------------------------------------------------------------------
+
+    @property
+    def measured(self) -> ArmReport:
+        """Present state of the arm."""
+        return ArmReport(
+            T_base_flange=self.arm.T_base_flange,
+            joint_rad=tuple(self.arm.q.tolist()),
+            moving=self._motion.state in BUSY or self.arm.moving,
+            at_ns=self.time_of(self.arm.ticks),
         )
 
-    def watch_rest(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
-        """Check that an arm that nothing moves stays where it is, until the next lease."""
-        commanded = self._motion.state in BUSY or self.sent is not None
-        if commanded or self.goal.state == "running" or self._lease is None:
-            self._resting.explain()
-            return None
-        return self._resting.judge(T_base_flange, now_ns)
+    def time_of(self, tick: int) -> int:
+        """Return the time of a tick."""
+        return self._start_ns + (tick + self.ticks_lost) * TICK_NS
 
-    def _void(self, reason: str) -> None:
-        """Brake a goal that ends other than done; the next one is refused until it is at rest."""
-        if self._motion.state == "running":
-            self._motion.brake()
-        if self.goal.state == "running":
-            self.goal = self.goal.replaced(state="refused", reason=reason)
+    def receive(self, now_ns: int) -> None:
+        """Advance the physics to the clock, but for the last tick."""
+        elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self.ticks_lost
+        self.ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
+        self._has_last_tick = elapsed > 0
+        for _ in range(1, min(elapsed, MOST_TICKS_PER_STEP)):
+            self._tick()
 
-    def _follow(self, command: RobotCommand, now_ns: int) -> Trip | None:
-        if command.pose is None:
-            return tripped("malformed", "a set point without a pose")
-        T_measured = self._arm.T_base_flange
-        if self.sent is None:
-            if (trip := self._guard.seed(T_measured, now_ns)) is not None:
-                return trip
-            self._tracking.stream(T_measured, now_ns)
-        T_target = pose_of(command.pose)
-        if (trip := self._guard.setpoint(T_target, T_measured, now_ns)) is not None:
-            return trip
-        if reason := self._motion.setpoint(T_target):
-            return tripped("robot_refuses", reason)
-        self._tracking.stream(T_target, now_ns)
-        self.sent = command.pose
-        return None
+    def report(self) -> Sequence[ArmReport]:
+        """Make the last tick; return the reports of this step."""
+        if self._has_last_tick:
+            self._tick()
+        reports, self._reports = self._reports, []
+        return reports
 
-    def _pursue(self, goal: Goal, speed: Speed) -> None:
-        if goal.id != self.goal.id:
-            self._void("another goal began")
-            reason = self._start(goal, speed)
-            state: GoalState = "refused" if reason else "running"
-            self.goal = GoalReport(id=goal.id, state=state, reason=reason)
-        elif self.goal.state == "running" and self._motion.state not in BUSY:
-            if self._motion.state == "refused":
-                update = {"state": "refused", "reason": self._motion.reason}
-                self.goal = self.goal.replaced(**update)
-            elif not self._arm.moving:
-                self.goal = self.goal.replaced(state="done")
+    def _tick(self) -> None:
+        self.arm.command_joints(self._motion.tick(TICK_S))
+        self.arm.step()
+        for ticked in self.after_tick:
+            ticked()
+        if self.arm.ticks % self.state_ticks == 0:
+            self._reports.append(self.measured)
 
-    def _start(self, goal: Goal, speed: Speed) -> str:
-        q = self._motion.q_command
-        trip = self._guard.goal(goal, speed, self._arm.kinematics.flange_pose(q), q)
-        if trip is not None:
-            return trip.text
+    @property
+    def explains_motion(self) -> bool:
+        """Whether the arm brakes."""
+        return self._motion.state in BUSY
+
+    # --- stream and goal --------------------------------------------------------------------------
+
+    def stream(self, T_base_flange: pin.SE3, *, begins: bool) -> Trip | None:
+        """Follow a set point; the first one is where the arm is."""
+        reason = "" if begins else self._motion.setpoint(T_base_flange)
+        return tripped("robot_refuses", reason) if reason else None
+
+    def goal(self, goal: Goal, speed: Speed) -> str:
+        """Start a goal; return why it is refused."""
         if goal.kind == "pose" and goal.pose is not None:
-            T_goal = pose_of(goal.pose)
-            reason = self._motion.start_pose(T_goal, speed)
-            if not reason:
-                self._tracking.line(self._arm.T_base_flange, T_goal)
-            return reason
-        q_goal = joint_goal(goal, q)
-        reason = self._motion.start_joints(q_goal, speed)
-        if not reason:
-            self._tracking.joint_move(self._arm.q, q_goal)
-        return reason
+            return self._motion.start_pose(pose_of(goal.pose), speed)
+        return self._motion.start_joints(joint_goal(goal, self._motion.q_command), speed)
+
+    def goal_state(self) -> tuple[GoalState, str]:
+        """Return the state of the goal: done when the arm has come to rest."""
+        if self._motion.state == "refused":
+            return "refused", self._motion.reason
+        is_running = self._motion.state in BUSY or self.arm.moving
+        return "running" if is_running else "done", ""
+
+    def hold(self, *, begins: bool) -> None:
+        """Brake; once at rest, command the measured pose, so that no command is pending."""
+        if begins:
+            self._motion.brake()
+            self._seeded = False
+        if not self._seeded and self._motion.state not in BUSY and not self.arm.moving:
+            self._motion.reseed(self.arm.q)
+            self._seeded = True
+
+    # --- signals ----------------------------------------------------------------------------------
+
+    def signals(self) -> SignalReading:
+        """Return the present state of the signals."""
+        return self._signals.reading()
+
+    def switch(self, number: int, on: bool) -> None:  # noqa: FBT001 - a `Switch`
+        """Switch an output."""
+        self._signals.switch(number, on)

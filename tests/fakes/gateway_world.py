@@ -100,7 +100,7 @@ class GatewayWorld:
         self.clock, self.transport = ManualClock(), MemoryTransport()
         self.controller = controller or FaultyController()
         self.gateway = Gateway(self._bus("robot", epoch), self.cell, self.controller)
-        self._last_id = last_id(self.gateway._dialogue)
+        self._last_id = last_id(self.gateway.driver.dialogue)
         self._obeyed = (0, 0)  # epoch and seq of the last accepted command
         self._dead: set[Lease] = set()
         self._live: Lease | None = None
@@ -216,14 +216,14 @@ class GatewayWorld:
         """
         packets, self.controller.packets = self.controller.packets, []
         under = lease or self._live or self._allowed_lease()
-        measured = self.gateway.measured
+        measured = self.gateway.driver.measured
         streams = None if measured is None or self.kind != "setpoint" else measured.T_base_flange
         for packet in packets:
             self._judge_packet(packet, under, streams)
         is_refused = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
         if is_refused and under is not None:
             self._dead.add(under)
-        if (stopped or is_refused) and self.gateway._dialogue.ready:
+        if (stopped or is_refused) and self.gateway.driver.dialogue.ready:
             assert packets, "the arm is not braked"
             assert packets[-1].com == Com.HOLD
 

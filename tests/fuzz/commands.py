@@ -205,7 +205,7 @@ class World:
         joints, above = controller.joint_rad.copy(), self._above
         lease = lease_of(gateway.verdict)
         gateway.step(now_ns)
-        measured = gateway.measured
+        measured = gateway.driver.measured
         T = controller.T if measured is None else measured.T_base_flange
         if lease_of(gateway.verdict) not in {None, lease}:
             judge.start = T.copy()

@@ -27,6 +27,8 @@ MODULES = (
     "common.motion.setpoint_monitor",
     "common.motion.tracking",
     "common.motion.unexplained",
+    "common.robot.driver",
+    "common.robot.service",
     "common.security.access_control",
     "controller.packet",
     "controller.packet_table",

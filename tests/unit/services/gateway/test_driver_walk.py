@@ -237,4 +237,4 @@ def test_a_stream_after_a_hold_begins_where_the_arm_is() -> None:
     machine.hold()
     machine.live(5)
     machine.stream_at_once(8, 2e-3)
-    assert machine.world.gateway._driver.sent is not None
+    assert machine.world.states[-1].sent is not None

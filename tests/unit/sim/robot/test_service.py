@@ -9,7 +9,8 @@ from common.runtime.stop import StopSignal
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from sim.robot.service import MOST_TICKS_PER_STEP, TICK_NS, SimRobot
+from sim.robot.driver import MOST_TICKS_PER_STEP, TICK_NS
+from sim.robot.service import SimRobot
 from tests.fakes.bench import CELL
 
 STATE_TICKS = 8

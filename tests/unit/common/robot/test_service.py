@@ -39,6 +39,7 @@ class StillArm(RobotDriver):
     def __init__(self) -> None:
         self.calls: list[Any] = []
         self.period_ns = REPORT_NS
+        self.T = HOME
         self.begins = True
         self.moving = False
         self.state: tuple[GoalState, str] = ("running", "")
@@ -50,7 +51,7 @@ class StillArm(RobotDriver):
         """Report once a period."""
         if now_ns >= self._due_ns and self.period_ns:
             self._due_ns = now_ns + self.period_ns
-            self.measured = ArmReport(HOME, HOME_RAD, self.moving, now_ns)
+            self.measured = ArmReport(self.T, HOME_RAD, self.moving, now_ns)
             self._new, self.link_fault = [self.measured], None
 
     def report(self) -> list[ArmReport]:
@@ -159,6 +160,10 @@ def test_a_stream_begins_at_the_measured_pose_and_again_after_a_hold() -> None:
     assert others == [("stream", pytest.approx(0.002), False)] * len(others)
     assert 5 <= len(others) <= 9  # as many as commands
     assert bench.rig.state.sent == target
+    bench.arm.calls.clear()
+    bench.rig.silence()
+    bench.rig.advance(0.03)
+    assert (bench.arm.calls, bench.rig.state.hold_code) == ([], "")
     bench.rig.send_hold()
     bench.rig.advance(0.02)
     assert bench.rig.state.sent is None
@@ -244,6 +249,25 @@ def test_a_new_lease_begins_from_a_hold() -> None:
     assert bench.arm.calls == ["brake"]
     assert bench.goal == (1, "refused", "armed again")
     assert bench.rig.state.hold_code == ""
+
+
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_an_arm_that_was_moved_is_a_fault_unless_it_was_not_seen(is_lost: bool) -> None:
+    """It is braked once, and the finding lasts; after a lost link its pose is a new one."""
+    bench = Bench()
+    bench.after("idle")
+    bench.rig.advance(1.5)
+    bench.rig.send_hold()
+    bench.rig.advance(0.1)
+    if is_lost:
+        bench.arm.period_ns, bench.arm.measured, bench.arm.link_fault = 0, None, NO_REPORT
+        bench.rig.advance(0.1)
+        bench.arm.period_ns = REPORT_NS
+    bench.arm.calls.clear()
+    bench.arm.T = shifted(HOME, z_m=0.02)
+    bench.rig.advance(0.3)
+    assert bench.rig.state.hold_code == ("hold" if is_lost else "unexplained_motion")
+    assert bench.arm.calls == ([] if is_lost else ["brake"])
 
 
 def test_reports_above_the_rate_of_the_cell_are_not_published() -> None:

@@ -5,6 +5,8 @@ tracking of the command and motion that no command explains are checked here, fo
 each violation ends the lease.
 """
 
+from typing import NamedTuple
+
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.last_check import LastCheck
@@ -23,6 +25,7 @@ from forcemesh.faults import clipped, tripped
 from forcemesh.messages import (
     Goal,
     GoalReport,
+    Permission,
     PoseRecord,
     Purpose,
     RobotCommand,
@@ -34,6 +37,20 @@ from forcemesh.messages import (
 )
 
 EARLY = 0.75  # least share of a period between two published reports
+
+
+class Lease(NamedTuple):
+    """What a lease is known by: its number alone could be used again, for another purpose."""
+
+    epoch: int  # of the arbiter
+    number: int
+    challenge: int
+    purpose: Purpose
+
+    @classmethod
+    def of(cls, permission: Permission, epoch: int) -> "Lease":
+        """Return the lease of a permission."""
+        return cls(epoch, permission.lease, permission.challenge, permission.purpose)
 
 
 class RobotService:
@@ -51,7 +68,7 @@ class RobotService:
         self._gate = CommandGate(bus.epoch)
         self._tracking = TrackingMonitor(cell)
         self._resting = UnexplainedMotion(cell)
-        self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
+        self._lease: Lease | None = None  # the last one
         self._setpoint: PoseRecord | None = None  # the last one of a stream that is active
         self._is_held = True
         self._has_braked = False  # an unexplained motion under this lease
@@ -110,9 +127,9 @@ class RobotService:
         if arm_fault is not None:
             return self._gate.revoke(arm_fault)
         try:
-            lease = (accepted.epoch, command.permission.lease)
+            lease = Lease.of(command.permission, accepted.epoch)
             if lease != self._lease:
-                self._begin_lease(lease, command.permission.purpose, now_ns)
+                self._begin_lease(lease, now_ns)
             wrench = self._wrench.read(now_ns)
             trip = self._obey(command, wrench, is_new=verdict.is_new, now_ns=now_ns)
             if trip is None:
@@ -123,15 +140,15 @@ class RobotService:
         self._refusals += 1
         return self._gate.revoke(trip)
 
-    def _begin_lease(self, lease: tuple[int, int], purpose: Purpose, now_ns: int) -> None:
+    def _begin_lease(self, lease: "Lease", now_ns: int) -> None:
         if not self._is_held:  # an arm may measure its own limits from a hold
             self._hold("armed again")
-        if self._lease is None or lease[0] != self._lease[0]:
+        if self._lease is None or lease.epoch != self._lease.epoch:
             # A new arbiter restarts its goal numbers: its first goal is not an executed one.
             self.goal = GoalReport()
         self._lease, self._has_braked = lease, False
         self._resting.explain()
-        self._guard.start(self._measured.T_base_flange, now_ns, purpose)
+        self._guard.start(self._measured.T_base_flange, now_ns, lease.purpose)
 
     @property
     def _measured(self) -> ArmReport:
@@ -144,7 +161,6 @@ class RobotService:
         self, command: RobotCommand, wrench: Reading[WrenchAtTcp], *, is_new: bool, now_ns: int
     ) -> Trip | None:
         """Execute a permitted command, or return the limit that it violates."""
-        self._is_held = False
         trip = self._guard.wrench(wrench.fresh, in_move=command.kind == "goal")
         if trip is not None:
             return trip
@@ -157,6 +173,7 @@ class RobotService:
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed)
         else:
+            self._is_held = False
             self._idle()
             measured = self._measured
             self._tracking.rest(measured.T_base_flange, moving=measured.moving)
@@ -190,6 +207,7 @@ class RobotService:
             return trip
         self._tracking.free()
         self._idle()
+        self._is_held = False
         sample = (wrench.header.epoch, wrench.header.seq)
         return self.driver.feed_back(feedback, wrench.fresh, sample)
 
@@ -215,6 +233,7 @@ class RobotService:
         measured = self._measured
         T, joint_rad = measured.T_base_flange, measured.joint_rad
         trip = self._guard.goal(goal, speed, T, joint_rad)
+        self._is_held = self._is_held and trip is not None
         reason = self.driver.goal(goal, speed) if trip is None else trip.text
         if reason:
             self.goal = GoalReport(id=goal.id, state="refused", reason=clipped(reason))
@@ -243,9 +262,10 @@ class RobotService:
             return None
         T_target, T_measured = pose_of(pose), self._measured.T_base_flange
         if self._setpoint is None:
-            trip = self._guard.seed(T_measured, now_ns)
-            trip = trip or self.driver.stream(T_measured, begins=True)
-            if trip is not None:
+            if (trip := self._guard.seed(T_measured, now_ns)) is not None:
+                return trip
+            self._is_held = False
+            if (trip := self.driver.stream(T_measured, begins=True)) is not None:
                 return trip
             self._tracking.stream(T_measured, now_ns)
         trip = self._guard.setpoint(T_target, T_measured, now_ns)

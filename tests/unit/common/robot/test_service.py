@@ -173,6 +173,30 @@ def test_a_stream_begins_at_the_measured_pose_and_again_after_a_hold() -> None:
     assert bench.after("setpoint", pose=target)[0] == ("stream", 0.0, True)
 
 
+def test_a_number_used_again_for_another_purpose_is_another_lease() -> None:
+    """The motion is braked, and the limits are those of the new one; found by the hostile suite."""
+    bench = Bench()
+    target = record_of(shifted(HOME, z_m=0.002))
+    bench.after("setpoint", pose=target)
+    permission = bench.rig.permission(purpose="back_off")
+    assert "brake" in bench.after("setpoint", pose=target, permission=permission)
+    assert (bench.rig.state.sent, bench.rig.state.hold_code) == (None, "state")
+    assert "armed to back off" in bench.rig.state.hold_reason
+
+
+def test_a_command_that_is_refused_at_once_leaves_the_hold_as_it_is() -> None:
+    """The arm is not braked again: under a load it would creep with each such lease."""
+    bench = Bench()
+    bench.rig.send_hold()
+    bench.rig.advance(0.03)
+    bench.rig.push(force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
+    bench.rig.advance(0.03)
+    rig = bench.rig
+    rig.lease, rig.challenge = rig.lease + 1, rig.state.challenge
+    assert bench.after("idle") == []
+    assert "is above the ceiling" in rig.state.hold_reason
+
+
 def test_nothing_begins_before_the_arm_may() -> None:
     """A goal is queued and then sent once; a stream waits, and withdraws a goal in its place."""
     bench = Bench()

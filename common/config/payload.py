@@ -19,6 +19,11 @@ from forcemesh.records import checked_unit
 from forcemesh.units import mounting_objection
 
 DOWN: Vec3 = (0.0, 0.0, -1.0)
+# Keys of earlier versions, and the values with which they corrected nothing.
+FORMER: dict[str, tuple[object, ...]] = {
+    "torque_gain": ([1.0, 1.0, 1.0], (1.0, 1.0, 1.0)),
+    "drift": (None,),
+}
 MOVED = (
     "gravity_direction_in_base is a key of the cell, not of its payload: write it at "
     "the top level of the cell file"
@@ -59,12 +64,15 @@ class Payload(ConfigSection):
 
     @model_validator(mode="before")
     @classmethod
-    def _has_no_former_key(cls, values: object) -> object:
-        former = {"torque_gain", "drift"}.intersection(values if isinstance(values, dict) else ())
-        if former:
-            text = f"{min(former)} is not corrected any more: calibrate again"
-            raise ValueError(f"{text}, with `forcemesh calibrate`")
-        return values
+    def _former_keys_correct_nothing(cls, values: object) -> object:
+        if not isinstance(values, dict):
+            return values
+        kept = {key: value for key, value in values.items() if key not in FORMER}
+        for key in values.keys() - kept.keys():
+            if values[key] not in FORMER[key]:
+                text = f"{key} is not corrected any more: calibrate again"
+                raise ValueError(f"{text}, with `forcemesh calibrate`")
+        return kept
 
     @field_validator("mass_kg", mode="before")
     @classmethod

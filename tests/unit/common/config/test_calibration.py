@@ -51,7 +51,7 @@ def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     [
         ("", "map of sections"),
         ("payload: {mass: 1}", "payload.mass: unknown name; did you mean mass_kg"),
-        ("payload: {torque_gain: [1, 1, 1]}", "torque_gain is not corrected any more: calibrate"),
+        ("payload: {torque_gain: [1, 1, 2]}", "torque_gain is not corrected any more: calibrate"),
         ("cell: [demo\n", "not YAML"),
         *((chars, "demo.yaml: ") for chars in range(0, 550, 41)),  # the rest of it are defaults
     ],

@@ -1,6 +1,7 @@
 """Limits of the controller and of the gateway, and the end after a refusal."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from controller.packet_table import Com, Status
@@ -33,6 +34,18 @@ def test_a_set_point_that_the_controller_refuses_ends_in_hold() -> None:
         world.live(10)
     assert "robot_refuses" in world.codes
     assert world.controller.notes[-1] == (Com.HOLD, 0)
+
+
+def test_a_stream_does_not_begin_far_from_the_last_set_point_sent() -> None:
+    """What was sent may be behind what was commanded: the first one can only go out unchanged."""
+    world, T = GatewayWorld(), pin.SE3.Identity()
+    world.gateway.driver._shaper.last = T
+    world.lease += 1
+    for _ in range(5):
+        world.send(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
+        world.live(10)
+    assert "acceleration" in world.codes
+    assert (Com.SET_POINT, 0) not in world.controller.notes
 
 
 def test_a_new_lease_begins_with_a_hold_of_the_controller() -> None:

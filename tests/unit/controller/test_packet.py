@@ -103,6 +103,15 @@ def test_frames_that_are_lost_or_put_in_are_detected(
         PacketReader().feed(first[:at] + more + first[at:] + second)
 
 
+def test_the_error_of_a_shifted_packet_says_what_belongs_there() -> None:
+    """An ID stands first and nowhere else."""
+    frames = encode(SAMPLE)
+    with pytest.raises(RemoteProtocolError, match="an ID, 500000 to 999999, is expected"):
+        PacketReader().feed(frames[FRAME_STRIDE:] + frames[:FRAME_STRIDE])
+    with pytest.raises(RemoteProtocolError, match="no ID is expected"):
+        PacketReader().feed(frames[:FRAME_STRIDE] + frames[:-FRAME_STRIDE])
+
+
 @pytest.mark.parametrize("value", [1.0, True, None, "1", float("nan")])
 def test_a_frame_holds_integers_only(value: object) -> None:
     """Nine of them: a value that is not an int is refused, whatever its text would be."""

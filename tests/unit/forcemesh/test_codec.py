@@ -21,6 +21,8 @@ from forcemesh.codec import (
     decode_record,
     encode,
     encode_record,
+    pack,
+    unpack,
 )
 from forcemesh.errors import MessageError
 from forcemesh.messages import MAX_ITEMS
@@ -300,3 +302,14 @@ def test_another_schema_version_is_refused(record_type: type[Record]) -> None:
     for no_version in (True, 1.5, "1", None):
         with pytest.raises(MessageError):
             read(msgpack.packb({**fields, "v": no_version}), record_type)
+
+
+def test_a_payload_of_4096_bytes_is_the_largest_one() -> None:
+    """At the writer and at both readers; a request without an envelope is of an unknown age."""
+    fixed = len(pack({"more": "x" * 300})) - 300
+    largest = {"more": "x" * (4096 - fixed)}
+    assert unpack(pack(largest)) == largest
+    with pytest.raises(MessageError, match="4097 bytes"):
+        pack({"more": largest["more"] + "x"})
+    assert (Envelope().stamp_ns, Envelope().status_epoch, Envelope().status_seq) == (0, 0, 0)
+    assert (Envelope().wait_s, SCHEMA_VERSION, MAX_BYTES) == (0.5, 3, 4096)

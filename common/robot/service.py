@@ -25,7 +25,6 @@ from forcemesh.faults import clipped, tripped
 from forcemesh.messages import (
     Goal,
     GoalReport,
-    Permission,
     PoseRecord,
     Purpose,
     RobotCommand,
@@ -46,11 +45,6 @@ class Lease(NamedTuple):
     number: int
     challenge: int
     purpose: Purpose
-
-    @classmethod
-    def of(cls, permission: Permission, epoch: int) -> "Lease":
-        """Return the lease of a permission."""
-        return cls(epoch, permission.lease, permission.challenge, permission.purpose)
 
 
 class RobotService:
@@ -127,12 +121,14 @@ class RobotService:
         if arm_fault is not None:
             return self._gate.revoke(arm_fault)
         try:
-            lease = Lease.of(command.permission, accepted.epoch)
+            given = command.permission
+            lease = Lease(accepted.epoch, given.lease, given.challenge, given.purpose)
             if lease != self._lease:
                 self._begin_lease(lease, now_ns)
             wrench = self._wrench.read(now_ns)
             trip = self._obey(command, wrench, is_new=verdict.is_new, now_ns=now_ns)
             if trip is None:
+                self._is_held = False
                 self.driver.flush(command, wrench.fresh)
                 return verdict
         except LocalProtocolError as error:
@@ -173,7 +169,6 @@ class RobotService:
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed)
         else:
-            self._is_held = False
             self._idle()
             measured = self._measured
             self._tracking.rest(measured.T_base_flange, moving=measured.moving)

@@ -38,7 +38,7 @@ class Reported:
     """A monitor and the time of its reports."""
 
     def __init__(self, cell: CellConfig = CELL) -> None:
-        self.monitor, self.at_ns = UnexplainedMotion(cell), 0
+        self.monitor, self.at_ns = UnexplainedMotion(cell), 10**12  # a clock that has run long
         self.period_s = 1.0 / cell.rates.robot_hz
 
     def report(self, T: pin.SE3, times: int = 1) -> Trip | None:

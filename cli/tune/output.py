@@ -59,7 +59,7 @@ def report_lines(
 
 def _delay_text(cell: CellConfig, servo: Servo) -> str:
     found = f"{1e3 * servo.sum_s:.1f} +/- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
-    file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
+    file_ms = 1e3 * cell.plant.servo_s
     return (
         f"delay and lag together {found}, from the command to the measured pose (cell file: "
         f"{file_ms:.1f} ms)"

@@ -36,6 +36,11 @@ class Plant:
     approach_asked_m_s: float  # of the cell file
 
     @property
+    def servo_s(self) -> float:
+        """Delay and lag of the robot together [s]."""
+        return self.robot_delay_s + self.lag_s
+
+    @property
     def arm(self) -> Delays:
         """From a released command to the reported pose."""
         return Delays(self.robot_delay_s + self.chain_s, self.lag_s, 0.0)
@@ -58,8 +63,7 @@ class Plant:
     @property
     def tau_s(self) -> float:
         """Delay from a change of force to the arm's response [s]."""
-        servo_s = self.robot_delay_s + self.lag_s
-        return servo_s + self.filter_delay_s + 0.5 / self.control_hz + self.chain_s
+        return self.servo_s + self.filter_delay_s + 0.5 / self.control_hz + self.chain_s
 
     @property
     def loop_hz(self) -> float:

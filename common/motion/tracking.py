@@ -36,7 +36,7 @@ class TrackingMonitor:
         self._limit_m = cell.limits.tracking_m
         self._limit_rad = radians(cell.limits.tracking_deg)
         report_s = 1.0 / cell.rates.robot_hz
-        delay_s = DELAY_MARGIN * (cell.robot.delay_s + cell.robot.lag_s) + report_s + SLACK_S
+        delay_s = DELAY_MARGIN * cell.plant.servo_s + report_s + SLACK_S
         self._delay_ns = round(delay_s * 1e9)
         self.free()
 

@@ -96,7 +96,7 @@ class UnexplainedMotion:
     def __init__(self, cell: CellConfig) -> None:
         """Begin without a rest pose."""
         self._bounds = rest_bounds(cell)
-        delay_s = DELAY_MARGIN * (cell.plant.robot_delay_s + cell.plant.lag_s)
+        delay_s = DELAY_MARGIN * cell.plant.servo_s
         self._rest_ns = round((AT_POSE_S + delay_s + REPORTS / cell.rates.robot_hz) * NS_PER_S)
         self.explain()
 

@@ -64,7 +64,7 @@ class RobotService:
         self._resting = UnexplainedMotion(cell)
         self._lease: Lease | None = None  # the last one
         self._setpoint: PoseRecord | None = None  # the last one of a stream that is active
-        self._is_held = True
+        self._is_held = True  # nothing was passed to the driver since the last hold
         self._has_braked = False  # an unexplained motion under this lease
         self._refusals = 0
         self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
@@ -136,7 +136,7 @@ class RobotService:
         self._refusals += 1
         return self._gate.revoke(trip)
 
-    def _begin_lease(self, lease: "Lease", now_ns: int) -> None:
+    def _begin_lease(self, lease: Lease, now_ns: int) -> None:
         if not self._is_held:  # an arm may measure its own limits from a hold
             self._hold("armed again")
         if self._lease is None or lease.epoch != self._lease.epoch:

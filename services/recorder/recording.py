@@ -22,9 +22,9 @@ from services.recorder.frames import (
     EVENT,
     FRAMES_SCHEMA,
     FRAMES_TOPIC,
-    HEAD,
     METADATA,
     Frame,
+    pack_frames,
     wrap,
 )
 from services.recorder.layout import Layout, layout_of, schema_of
@@ -84,7 +84,7 @@ class Recording:
 
         Raises OSError if the disk fails.
         """
-        packed: list[bytes] = []
+        kept: list[Frame] = []
         log_ns = 0
         for topic, at_ns, data in frames:
             try:
@@ -96,13 +96,13 @@ class Recording:
             else:
                 self.gaps.saw(topic, header.epoch, header.seq)
                 log_ns = self._wall_clock.written_ns(header.boot, header.stamp_ns, at_ns)
-            packed += (HEAD.pack(topic, log_ns, len(data)), data)
+            kept.append(Frame(topic, log_ns, data))
             if message is not None:
                 text, sequence = LAYOUTS[topic].text(message), message.seq % SEQUENCE
                 self._writer.add_message(self._channels[topic], log_ns, text, log_ns, sequence)
-        if packed:
-            self.messages += len(packed) // 2
-            self._writer.add_message(self._frames, log_ns, wrap(b"".join(packed)), log_ns)
+        if kept:
+            self.messages += len(kept)
+            self._writer.add_message(self._frames, log_ns, wrap(pack_frames(kept)), log_ns)
         if now_ns - self._flushed_ns >= FLUSH_NS:
             self._flush(now_ns)
 

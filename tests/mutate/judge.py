@@ -113,7 +113,7 @@ class Judge:
     def _likely_first(self, mutant: Mutant, tests: list[str]) -> list[str]:
         """Return tests with those first that detected other mutants nearby."""
         nearby = [each for place in places_of(mutant) for each in self._killers.get(place, ())]
-        rank = {each: place for place, each in reversed(list(enumerate(nearby)))}
+        rank = {each: place for place, each in enumerate(dict.fromkeys(nearby))}
         return sorted(tests, key=lambda each: rank.get(function_of(each), len(nearby)))
 
     def _fork(self, job: Job) -> None:

@@ -90,7 +90,7 @@ def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
 
 @pytest.mark.parametrize("course", [lambda u: u, lambda u: 1.0 - np.exp(-3.0 * u), np.sqrt])
 def test_a_drift_is_refused_with_its_size_and_the_remedy(course) -> None:
-    """Straight or a warm-up, beside other errors; a small one is left in the residual."""
+    """Straight or a warm-up, with other errors as well; a small one is left in the residual."""
     rng = np.random.default_rng(5)
     time_s = np.linspace(0.0, 600.0, 12)
     samples = read(truth(WORLDS["all of them"], rng), attitudes(rng, 12), time_s, rng)

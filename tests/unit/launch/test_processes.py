@@ -215,7 +215,7 @@ def test_a_running_cell_is_not_started_again(cell: CellConfig) -> None:
 
 
 def test_a_helper_that_dies_is_restarted_and_its_death_recorded(cell: CellConfig) -> None:
-    """Also in a cell that is not restarted: a scenario goes on without its panel."""
+    """Also in a cell that is not restarted: a scenario continues without its panel."""
     panel = ProcessSpec("test.program", ("panel",), (sys.executable, "-c", SLEEPER), is_helper=True)
 
     def deaths() -> int:

@@ -38,7 +38,7 @@ RUN += "sys.exit(main(sys.argv[2:], Path(sys.argv[1])))"
 
 
 def test_the_first_profile_stays_and_a_second_one_is_refused(tmp_path: Path) -> None:
-    """Another profile or file is told what is in use, and what to do, while a process runs."""
+    """While a process runs, another profile or file is refused: what is in use, and a remedy."""
     with hold(tmp_path, "emulated", "w"):
         assert put(tmp_path, "emulated", EMULATED) == ""
         assert put(tmp_path, "real", DEMO) == (

@@ -153,7 +153,7 @@ def test_the_coarser_angle_decides_how_near_a_goal_must_come(oat: int, joint: in
     [(0.02, 0.01, 250.0, 0.372), (0.1, 0.05, 100.0, 0.63), (0.0, 0.02, 50.0, 0.4)],
 )
 def test_a_pose_counts_as_rest_after_its_time(delay_s, lag_s, robot_hz, rests_s) -> None:
-    """0.3 s, twice delay and lag, and three reports at one pose; whoever left before has none."""
+    """0.3 s, twice delay and lag, and three reports at one pose; a shorter stay is none."""
     values = {"robot.delay_s": delay_s, "robot.lag_s": lag_s, "rates.robot_hz": robot_hz}
     cell = load_cell(DEMO, values)
 

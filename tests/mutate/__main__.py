@@ -115,7 +115,8 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="run the other tests as well")
     parser.add_argument("--tests", nargs="+", default=["tests"], metavar="PATH", help="that judge")
     parser.add_argument("--count", type=int, default=0, help="of each module; 0: all")
-    parser.add_argument("--seed", type=int, default=1, help="of the choice")
+    seed = int(git("rev-parse", "--short=10", "HEAD"), 16)  # other mutants on each commit
+    parser.add_argument("--seed", type=int, default=seed, help="by default of the commit")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--in-new-process", type=int, help=argparse.SUPPRESS)
     given = parser.parse_args()

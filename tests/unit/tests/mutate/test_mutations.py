@@ -143,7 +143,8 @@ def test_a_choice_is_judged_from_the_map_on() -> None:
         "services.wrench.plausibility",
         "tests/unit/services/wrench/test_plausibility.py",
     )
-    command = [sys.executable, "-m", "tests.mutate", module, "--count", "2", "--tests", tests]
+    choice = ["--count", "2", "--seed", "1", "--tests", tests]
+    command = [sys.executable, "-m", "tests.mutate", module, *choice]
     first, second = (
         subprocess.run(command, cwd=mutations.ROOT, capture_output=True, text=True, check=False)
         for _ in range(2)

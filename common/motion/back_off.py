@@ -272,50 +272,30 @@ class LoadRatchet:
         return load, trip
 
 
-def in_move(
-    limits: Limits, load: LoadRatchet | None, wrench: WrenchAtTcp
-) -> tuple[LoadRatchet, Trip | None]:
-    """Check the load of a move against its lowest load; return the updated lowest load, too."""
-    load = load or LoadRatchet(rise_N=limits.move_rise_N, rise_Nm=inf)
-    return load.after(wrench, "in the move: limits.move_rise_N")
+def motion_trip(
+    T_start: pin.SE3, T_base_flange: pin.SE3, time_s: float, load: LoadRatchet
+) -> Trip | None:
+    """Check travel and speed of an arm that backs off, and whether the force falls.
 
-
-@dataclass(frozen=True, slots=True)
-class BackOffState:
-    """State of one back-off motion in one process."""
-
-    T_start: pin.SE3
-    since_ns: int
-    load: LoadRatchet = LoadRatchet()
-
-    def update_load(self, wrench: WrenchAtTcp | None) -> tuple["BackOffState", Trip | None]:
-        """Return the state after one more wrench, and why it must end; None is no wrench."""
-        if wrench is None:
-            return self, None
-        load, trip = self.load.after(wrench, "while backing off")
-        return replace(self, load=load), trip
-
-    def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
-        """Check travel and speed of the arm, and whether the force falls."""
-        time_s = max(0, now_ns - self.since_ns) * 1e-9
-        travel_m = hypot(*(T_base_flange.translation - self.T_start.translation))
-        most_m = LATE_M + FAST * SPEED_M_S * time_s
-        if travel_m > most_m:
-            text = f"the arm moved {travel_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
-            return tripped("speed", text, value=travel_m, limit=most_m, unit="m")
-        if time_s > LONGEST_BACK_OFF_S:
-            text = f"backing off took longer than {LONGEST_BACK_OFF_S:g} s"
-            return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S, unit="s")
-        load = self.load
-        is_loaded = LEAST_BACK_OFF_FORCE_N < load.lowest_N < inf
-        if (
-            travel_m > MUST_FALL_AFTER_M
-            and is_loaded
-            and load.first_N - load.lowest_N < MUST_FALL_N
-        ):
-            text = (
-                f"the force is still {load.lowest_N:.1f} N after {travel_m * 1e3:.1f} mm, "
-                f"initially {load.first_N:.1f} N: this is no contact force; tare in free space"
-            )
-            return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N, unit="N")
-        return None
+    Args:
+        T_start: Flange in base at the beginning.
+        T_base_flange: Measured flange pose in base.
+        time_s: Time since the beginning.
+        load: Load until now.
+    """
+    travel_m = hypot(*(T_base_flange.translation - T_start.translation))
+    most_m = LATE_M + FAST * SPEED_M_S * time_s
+    if travel_m > most_m:
+        text = f"the arm moved {travel_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
+        return tripped("speed", text, value=travel_m, limit=most_m, unit="m")
+    if time_s > LONGEST_BACK_OFF_S:
+        text = f"backing off took longer than {LONGEST_BACK_OFF_S:g} s"
+        return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S, unit="s")
+    is_loaded = LEAST_BACK_OFF_FORCE_N < load.lowest_N < inf
+    if travel_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
+        text = (
+            f"the force is still {load.lowest_N:.1f} N after {travel_m * 1e3:.1f} mm, "
+            f"initially {load.first_N:.1f} N: this is no contact force; tare in free space"
+        )
+        return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N, unit="N")
+    return None

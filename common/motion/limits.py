@@ -4,9 +4,8 @@ Every check returns a `Trip` with the rule, the finding, the value and the limit
 field of `Limits`, its check, and its place in `ArmBounds`, which both processes use.
 """
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import degrees, hypot, isfinite, radians
 from typing import Literal, NamedTuple
 
@@ -19,8 +18,6 @@ from common.motion.frames import Array, apart, dot, is_finite_pose, plus
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
 
-MEASURED_SLACK_RAD = radians(0.5)  # of measured joints: rounding of reports, settling
-JOINT_WINDOW_NS = 100_000_000  # averaging window of joint speeds: samples repeat and have jitter
 NS_PER_S = 1_000_000_000
 LEVER_M = 0.1  # a turn is as fast as this lever's end: fm.lever of forcemesh.as
 
@@ -202,35 +199,9 @@ def _not_finite(what: str) -> Trip:
 # --- the limits of an armed arm -------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class JointTrack:
-    """Measured joint angles of the last tenth of a second: time [ns] and angles [rad]."""
-
-    samples: deque[tuple[int, Joints | Array]] = field(default_factory=deque)
-
-    def add(self, stamp_ns: int, joint_rad: Joints | Array) -> None:
-        """Add a sample; one that is not newer changes nothing."""
-        samples = self.samples
-        if not samples or stamp_ns > samples[-1][0]:
-            samples.append((stamp_ns, tuple(joint_rad)))
-            while len(samples) > 1 and samples[1][0] <= stamp_ns - JOINT_WINDOW_NS:
-                samples.popleft()
-
-    @property
-    def speed_rad_s(self) -> list[float] | None:
-        """Mean speed of each joint over the window; None before the window is full."""
-        if not self.samples:
-            return None
-        (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]
-        if to_ns - from_ns < JOINT_WINDOW_NS:
-            return None
-        time_s = (to_ns - from_ns) / NS_PER_S
-        return [(end - start) / time_s for start, end in zip(q_from, q_to, strict=True)]
-
-
 @dataclass(frozen=True, slots=True)
 class ArmBounds:
-    """The limits that apply since the arm was armed: to poses, to moves, to the measured arm."""
+    """The limits that apply since the arm was armed: to poses, and to the end of a move."""
 
     limits: Limits
     T_flange_tcp: pin.SE3
@@ -254,32 +225,6 @@ class ArmBounds:
         if len(goal.joint_rad) != len(self.limits.joint_min_rad):
             return check_joints(self.limits, goal.joint_rad)  # refused by their number
         return check_joints(self.limits, joint_goal(goal, joint_rad))
-
-    def measured(
-        self,
-        T_base_flange: pin.SE3,
-        joint_rad: Joints | Array,
-        track: JointTrack,
-        *,
-        speed_margin: float = 1.0,
-    ) -> Trip | None:
-        """Check the measured arm: joint angles, pose, and joint speeds once they are known.
-
-        Joint moves have no end pose that could be checked before, so the measured pose is checked.
-        A joint speed may be its limit times a margin.
-        """
-        trip = check_joints(self.limits, joint_rad, slack_rad=MEASURED_SLACK_RAD)
-        trip = trip or self.place(T_base_flange)
-        if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
-            return trip
-        both = zip(map(abs, speed_rad_s), self.limits.joint_speed_rad_s.tolist(), strict=True)
-        for number, (speed, fastest) in enumerate(both, start=1):
-            if not speed / fastest <= speed_margin:
-                if not all(map(isfinite, speed_rad_s)):
-                    return _not_finite("a joint's speed")
-                text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
-                return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
-        return None
 
 
 def joint_goal(goal: Goal, joint_rad: Joints | Array) -> Array:

@@ -8,8 +8,8 @@ each violation ends the lease.
 from typing import NamedTuple
 
 from common.config.cell import CellConfig
+from common.motion.arm_check import ArmCheck
 from common.motion.convert import pose_of, record_of
-from common.motion.last_check import LastCheck
 from common.motion.limits import joint_goal
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from common.motion.tracking import TrackingMonitor
@@ -52,13 +52,13 @@ class RobotService:
 
     period_s = 0.002  # longest time that a report of the arm waits
 
-    def __init__(self, bus: Bus, cell: CellConfig, driver: RobotDriver, guard: LastCheck) -> None:
-        """Open the topics of the robot, in hold; `guard` checks the limits of the cell."""
+    def __init__(self, bus: Bus, cell: CellConfig, driver: RobotDriver, check: ArmCheck) -> None:
+        """Open the topics of the robot, in hold; `check` has the limits of the cell."""
         self.driver = driver
         self.fault = ""
         self.verdict = NO_COMMAND_YET  # command that is executed now, or why none is
         self.goal = GoalReport()  # the last one
-        self._guard = guard
+        self._check = check
         self._gate = CommandGate(bus.epoch)
         self._tracking = TrackingMonitor(cell)
         self._resting = UnexplainedMotion(cell)
@@ -124,7 +124,7 @@ class RobotService:
             given = command.permission
             lease = Lease(accepted.epoch, given.lease, given.challenge, given.purpose)
             if lease != self._lease:
-                self._begin_lease(lease, now_ns)
+                self._begin_lease(lease)
             wrench = self._wrench.read(now_ns)
             trip = self._obey(command, wrench, is_new=verdict.is_new, now_ns=now_ns)
             if trip is None:
@@ -136,7 +136,7 @@ class RobotService:
         self._refusals += 1
         return self._gate.revoke(trip)
 
-    def _begin_lease(self, lease: Lease, now_ns: int) -> None:
+    def _begin_lease(self, lease: Lease) -> None:
         if not self._is_held:  # an arm may measure its own limits from a hold
             self._hold("armed again")
         if self._lease is None or lease.epoch != self._lease.epoch:
@@ -144,7 +144,7 @@ class RobotService:
             self.goal = GoalReport()
         self._lease, self._has_braked = lease, False
         self._resting.explain()
-        self._guard.start(self._measured.T_base_flange, now_ns, lease.purpose)
+        self._check.start(self._measured.T_base_flange, lease.purpose)
 
     @property
     def _measured(self) -> ArmReport:
@@ -157,7 +157,7 @@ class RobotService:
         self, command: RobotCommand, wrench: Reading[WrenchAtTcp], *, is_new: bool, now_ns: int
     ) -> Trip | None:
         """Execute a permitted command, or return the limit that it violates."""
-        trip = self._guard.wrench(wrench.fresh, in_move=command.kind == "goal")
+        trip = self._check.wrench(wrench.fresh, in_move=command.kind == "goal")
         if trip is not None:
             return trip
         if command.kind != "setpoint":
@@ -198,7 +198,7 @@ class RobotService:
             return tripped("host", "force feedback needs a permission for host controller")
         if wrench.fresh is None or wrench.header is None:
             return tripped(wrench.code or "invalid", wrench.fault)
-        if (trip := self._guard.feedback(feedback)) is not None:
+        if (trip := self._check.feedback(feedback)) is not None:
             return trip
         self._tracking.free()
         self._idle()
@@ -227,7 +227,7 @@ class RobotService:
             return
         measured = self._measured
         T, joint_rad = measured.T_base_flange, measured.joint_rad
-        trip = self._guard.goal(goal, speed, T, joint_rad)
+        trip = self._check.goal(goal, speed, T, joint_rad)
         self._is_held = self._is_held and trip is not None
         reason = self.driver.goal(goal, speed) if trip is None else trip.text
         if reason:
@@ -257,13 +257,13 @@ class RobotService:
             return None
         T_target, T_measured = pose_of(pose), self._measured.T_base_flange
         if self._setpoint is None:
-            if (trip := self._guard.seed(T_measured, now_ns)) is not None:
+            if (trip := self._check.seed(T_measured, now_ns)) is not None:
                 return trip
             self._is_held = False
             if (trip := self.driver.stream(T_measured, begins=True)) is not None:
                 return trip
             self._tracking.stream(T_measured, now_ns)
-        trip = self._guard.setpoint(T_target, T_measured, now_ns)
+        trip = self._check.setpoint(T_target, T_measured, now_ns)
         trip = trip or self.driver.stream(T_target, begins=False)
         if trip is None:
             self._tracking.stream(T_target, now_ns)
@@ -280,7 +280,7 @@ class RobotService:
         """
         T, at_ns = report.T_base_flange, report.at_ns
         if self.verdict.command is not None:
-            trip = self._guard.arm(T, report.joint_rad, at_ns)
+            trip = self._check.arm(T, report.joint_rad, at_ns)
             if trip := trip or self._tracking.judge(T, report.joint_rad, at_ns):
                 self._refusals += 1
                 self.verdict = self._gate.revoke(trip)

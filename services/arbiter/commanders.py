@@ -9,10 +9,11 @@ jump.
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
+from common.motion.arm_check import ArmCheck
 from common.motion.convert import pose_of, record_of
 from common.motion.joint_paths import move_obstacle
 from common.motion.joint_space import JointSpace, JointStream
-from common.motion.limits import ArmBounds, check_speed, slowed
+from common.motion.limits import ArmBounds, slowed
 from common.motion.permission import outranks
 from common.motion.rate_limiter import CommandedMotion, at_rest, brake
 from forcemesh.clock import NS_PER_S
@@ -117,17 +118,13 @@ class Commanders:
     # --- requests ---------------------------------------------------------------------------------
 
     def ask(
-        self, move: PendingMove, robot: RobotState, bounds: ArmBounds
+        self, move: PendingMove, robot: RobotState, check: ArmCheck
     ) -> tuple[Reply, CommandStep]:
         """Accept or refuse a move; it begins at once if the arm is free and at rest."""
         holder = (self.pending_move or self.ownership).commander
         if not outranks(move.commander, holder):
             return refusal("busy", f"the {holder} commands the arm; stop that first"), CommandStep()
-        trip = (
-            bounds.goal(move.goal, robot.joint_rad)
-            or check_speed(bounds.limits, move.speed)
-            or move_obstacle(self._space, move.goal, robot)
-        )
+        trip = self._obstacle(move, robot, check)
         if trip is not None:
             return refused(trip), CommandStep()
         # Above the robot's number too: a restarted arbiter must not repeat one.
@@ -143,6 +140,11 @@ class Commanders:
         text = f"move accepted: goal {number}"
         return Reply(accepted=True, text=text, value=float(number)), step
 
+    def _obstacle(self, move: PendingMove, robot: RobotState, check: ArmCheck) -> Trip | None:
+        """Return why a move from here is not permitted, or cannot be followed."""
+        trip = check.goal(move.goal, move.speed, pose_of(robot), robot.joint_rad)
+        return trip or move_obstacle(self._space, move.goal, robot)
+
     def _rests(self, now_ns: int) -> bool:
         since_ns = self._rest_since_ns
         return since_ns is not None and (now_ns - since_ns) / NS_PER_S >= self._rest_needed_s
@@ -154,11 +156,10 @@ class Commanders:
         return CommandStep("goal", goal=move.goal, event="begin", trips=trips)
 
     def _begin_pending(
-        self, move: PendingMove, robot: RobotState, bounds: ArmBounds, trips: tuple[Trip, ...]
+        self, move: PendingMove, robot: RobotState, check: ArmCheck, trips: tuple[Trip, ...]
     ) -> CommandStep:
         """Begin a move that waited: its path, and angles, count from where the arm rests."""
-        trip = bounds.goal(move.goal, robot.joint_rad)
-        trip = trip or move_obstacle(self._space, move.goal, robot)
+        trip = self._obstacle(move, robot, check)
         if trip is None:
             return self._begin(move, trips)
         self.pending_move = None
@@ -170,7 +171,7 @@ class Commanders:
         self,
         robot: RobotState,
         target: RegulatorTarget | None,
-        bounds: ArmBounds,
+        check: ArmCheck,
         tick: Tick,
         *,
         trips: tuple[Trip, ...],
@@ -180,7 +181,7 @@ class Commanders:
         Args:
             robot: State of the robot.
             target: Proposal of the regulator; None while it is stopped or may not command.
-            bounds: Limits of the arm.
+            check: Limits of the arm.
             tick: This period.
             trips: Trips published so far.
         """
@@ -189,7 +190,7 @@ class Commanders:
             self._regulator_rested = target is None
         if move is not None:
             if self._rests(tick.now_ns):
-                return self._begin_pending(move, robot, bounds, trips)
+                return self._begin_pending(move, robot, check, trips)
             if tick.now_ns - move.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
                 return CommandStep()
             text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {move.commander}'s"
@@ -200,13 +201,13 @@ class Commanders:
             refused_goal = (tripped("goal_refused", robot.goal.reason),)
             return self._end(refused_goal if robot.goal.state == "refused" else None)
         if self.ownership.commander == "regulator":
-            return self._regulate(target, bounds, tick)
+            return self._regulate(target, check.bounds, tick)
         if target is None or not self._regulator_rested:
             return CommandStep()
         if not self._rests(tick.now_ns):  # the regulator continues from here until it may begin
             return CommandStep(pose=record_of(tick.T_measured), limited=True)
         self._begin_regulator(robot, target, tick)
-        return self._regulate(target, bounds, tick)._replace(event="begin", trips=())
+        return self._regulate(target, check.bounds, tick)._replace(event="begin", trips=())
 
     def _begin_regulator(self, robot: RobotState, target: RegulatorTarget, tick: Tick) -> None:
         """Give the arm to the regulator; set points begin at rest, at the measured arm."""

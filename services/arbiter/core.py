@@ -1,18 +1,10 @@
 """Arbiter core: state machine, ownership, limits and permission, without bus or clock."""
 
-from dataclasses import replace
-
 from common.config.cell import CellConfig
-from common.motion.back_off import LoadRatchet, in_move
+from common.motion.arm_check import ARBITER_SLACK, ArmCheck
 from common.motion.convert import pose_of, record_of
 from common.motion.joint_space import JointSpace, checks_off_text
-from common.motion.limits import (
-    ArmBounds,
-    JointTrack,
-    check_speed,
-    check_wrench,
-    real_speed_m_s,
-)
+from common.motion.limits import check_speed, check_wrench, real_speed_m_s
 from common.motion.unexplained import UNEXPLAINED, UnexplainedMotion, is_guided
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, clipped, refusal, refused, tripped
@@ -75,15 +67,14 @@ class Arbiter:
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
         self._terms = Terms.of(cell)
-        self._cells = self._bounds = self._stream_bounds = self._terms.bounds
+        self._check = ArmCheck(cell, ARBITER_SLACK)
+        self._stream_limits = retreat_limits(self._terms.limits, cell.force)
         self._freeing: Freeing | None = None
-        self._load: LoadRatchet | None = None  # of the move under way
         self._space = JointSpace.of(cell)
         rest_s = max(REST_S, LEAST_REPORTS / cell.rates.robot_hz)
         self._commanders = Commanders(rest_s, self._space)
         self._stopping: Stopping | None = None
         self._speed = Speed()
-        self._joints = JointTrack()
         self._resting = UnexplainedMotion(cell)
         self._robot_epoch: int | None = None  # of the robot process
         self._lease, self._commanders.ownership.number = numbers
@@ -123,10 +114,14 @@ class Arbiter:
             if faults or robot is None or header is None or unknown:
                 self.stop("fault", *faults)
             else:
-                self._joints.add(header.stamp_ns, robot.joint_rad)
                 dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
-                longest_s = self._longest_gap_s
-                tick = Tick(pose_of(robot), now_ns, min(dt_s, longest_s), longest_s)
+                tick = Tick(
+                    pose_of(robot),
+                    now_ns,
+                    min(dt_s, self._longest_gap_s),
+                    self._longest_gap_s,
+                    header.stamp_ns,
+                )
                 command = self._move_on(robot, inputs, tick)
         if command is not None:
             expires_ns = now_ns + round(self._deadline_s * NS_PER_S)
@@ -185,20 +180,12 @@ class Arbiter:
     def _trip(self, robot: RobotState, inputs: Inputs, tick: Tick) -> Trip | None:
         """Check the measured arm, its load, and what robot and regulator report."""
         wrench, ownership, trip = inputs.wrench.fresh, self._commanders.ownership, None
-        streams = self.state == "ACTIVE" and ownership.motion is not None
-        bounds = self._stream_bounds if streams else self._bounds
-        if wrench is not None:
-            trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
-        trip = trip or bounds.measured(tick.T_measured, robot.joint_rad, self._joints)
-        if trip is not None:
-            return trip
-        # The rise of the load: a move may add little to it, backing off even less.
-        if self._freeing is not None:
-            trip = self._freeing.watch(tick.T_measured, wrench, tick.now_ns)
-        elif ownership.goal is None or wrench is None or not wrench.calibrated:
-            self._load = None
-        else:
-            self._load, trip = in_move(self._cells.limits, self._load, wrench)
+        if self.state == "ACTIVE" and ownership.motion is not None and wrench is not None:
+            trip = check_wrench(self._stream_limits, wrench.force_N, wrench.torque_Nm)
+        trip = trip or self._check.wrench(wrench, in_move=ownership.goal is not None)
+        trip = trip or self._check.arm(tick.T_measured, robot.joint_rad, tick.stamp_ns)
+        if trip is None and self._freeing is not None:
+            trip = self._freeing.freed(tick.T_measured, wrench)
         # A robot that has drawn a new challenge, or still holds: its own checks found a cause.
         leased_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
         holds = robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S
@@ -218,7 +205,7 @@ class Arbiter:
         trip = self._trip(robot, inputs, tick)
         if trip is None and self._stopping is None:
             target = inputs.target.fresh if self._armed_for == "all" else None
-            step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)
+            step = self._commanders.step(robot, target, self._check, tick, trips=self.trips)
             if step.event:
                 self._note(step)
             if self._freeing is not None and step.event == "end":
@@ -232,7 +219,7 @@ class Arbiter:
             self._react(trip, inputs)
         if self._stopping is None:  # held at once
             return None
-        self._stopping = stopping = step_stop(self._stopping, self._bounds, tick)
+        self._stopping = stopping = step_stop(self._stopping, self._check.bounds, tick)
         self.trips = (stopping.trip,)
         if stopping.done:
             self.stop("hold")
@@ -281,7 +268,7 @@ class Arbiter:
         if motion is not None:
             joints = self._commanders.ownership.joints
             start = Stopping(trip, motion, inputs.now_ns, joints=joints)
-            self._stopping = begin_stop(start, self._bounds, self._terms.cell.force, wrench)
+            self._stopping = begin_stop(start, self._check.bounds, self._terms.cell.force, wrench)
         if self._stopping is None:
             self.stop("hold", trip)
         else:
@@ -318,10 +305,9 @@ class Arbiter:
         not_ready = self._failed_checks(inputs, self._good_since_ns, purpose)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
-        bounds = replace(self._cells, T_armed=pose_of(robot))
-        self._begin_lease(purpose, robot, bounds, inputs)
+        self._begin_lease(purpose, robot, inputs)
         load = load_text(inputs, self._terms)
-        unchecked = checks_off_text(self._space, bounds.T_armed, robot.joint_rad)
+        unchecked = checks_off_text(self._space, pose_of(robot), robot.joint_rad)
         forecast = self._terms.forecast if purpose == "all" else ""
         text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}{forecast}"
         return Reply(accepted=True, text=clipped(text))
@@ -334,10 +320,9 @@ class Arbiter:
             inputs, self._terms, good_since_ns, purpose, last=self._last_lease, blind=blind
         )
 
-    def _begin_lease(
-        self, purpose: Purpose, robot: RobotState, bounds: ArmBounds, inputs: Inputs
-    ) -> None:
-        self._armed_for, self._joints = purpose, JointTrack()
+    def _begin_lease(self, purpose: Purpose, robot: RobotState, inputs: Inputs) -> None:
+        self._armed_for, self._freeing = purpose, None
+        self._check.start(pose_of(robot), purpose)
         self._resting.explain()
         self._commanders.drop()
         event = "back_off" if purpose == "back_off" else "arm"
@@ -345,9 +330,6 @@ class Arbiter:
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
         self._last_lease = LastLease(robot.challenge)
-        self._bounds, self._freeing = bounds, None
-        lower = retreat_limits(bounds.limits, self._terms.cell.force)
-        self._stream_bounds = replace(bounds, limits=lower)
         self._writers = input_checks.writers(inputs)
 
     def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
@@ -364,13 +346,14 @@ class Arbiter:
         not_ready = self._failed_checks(inputs, since_ns, "back_off", blind=blind)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
-        plan = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
+        plan = freeing.begin(inputs, robot, self._terms, confirmed=confirmed)
         if isinstance(plan, Trip):
             return refused(plan)
-        self._begin_lease("back_off", robot, plan.bounds, inputs)
+        self._begin_lease("back_off", robot, inputs)
         self._freeing = plan
+        self._check.wrench(plan.wrench)
         move = PendingMove("operator", plan.goal, plan.speed, inputs.now_ns)
-        reply, step = self._commanders.ask(move, robot, self._bounds)
+        reply, step = self._commanders.ask(move, robot, self._check)
         self._note(step)
         if not reply.accepted:
             self.stop("hold", tripped(reply.code, reply.text))
@@ -394,7 +377,7 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of later moves, and a limit to those of streams and force feedback."""
-        if (trip := check_speed(self._cells.limits, speed)) is not None:
+        if (trip := check_speed(self._terms.limits, speed)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
         self._commanders.speed_m_s = real_m_s
@@ -413,7 +396,7 @@ class Arbiter:
         if request.speed_m_s is not None:
             speed = speed.replaced(mechanical_m_s=request.speed_m_s, modular_fraction=1.0)
         move = PendingMove(request.commander, goal, speed, inputs.now_ns)
-        reply, step = self._commanders.ask(move, robot, self._bounds)
+        reply, step = self._commanders.ask(move, robot, self._check)
         self._note(step)
         return reply
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
-from common.motion.limits import ArmBounds, Limits, check_workspace, check_wrench
+from common.motion.limits import Limits, check_workspace, check_wrench
 from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
@@ -36,7 +36,8 @@ class Terms:
 
     cell: CellConfig
     config_hash: str
-    bounds: ArmBounds  # the cell's; not of an armed arm
+    limits: Limits
+    T_flange_tcp: pin.SE3
     rest_s: float  # least time at rest
     contact: tuple[Trip, ...]  # why the contact of this cell is too stiff, or its approach too fast
     forecast: str  # note for the reply to `arm`: the limit that the cell's own press would break
@@ -47,7 +48,8 @@ class Terms:
         return cls(
             cell,
             cell_hash(cell),
-            ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity()),
+            Limits.of(cell),
+            cell.tool.T_flange_tcp.pose,
             max(REST_POSE_S, LEAST_REPORTS / cell.rates.robot_hz),
             tuple(contact_trips(cell)),
             arming_text(cell),
@@ -140,9 +142,9 @@ def _limits(context: PreflightContext) -> list[Trip | None]:
     wrench, robot = context.inputs.wrench.fresh, context.inputs.robot.fresh
     if wrench is None or robot is None:
         return []
-    bounds = context.terms.bounds
-    trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
-    return [trip or check_workspace(bounds.limits, pose_of(robot) * bounds.T_flange_tcp)]
+    limits, T_flange_tcp = context.terms.limits, context.terms.T_flange_tcp
+    trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
+    return [trip or check_workspace(limits, pose_of(robot) * T_flange_tcp)]
 
 
 def _calibration(context: PreflightContext) -> list[Trip]:

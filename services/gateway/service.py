@@ -5,8 +5,8 @@ from math import radians
 import numpy as np
 
 from common.config.cell import CellConfig, GatewaySection
+from common.motion.arm_check import MEASURED_SLACK_M, ArmCheck
 from common.motion.convert import vec3
-from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.unexplained import REACH, reach_of
 from common.robot.service import RobotService
 from controller.packet_table import ID_COUNT, ID_FIRST
@@ -39,9 +39,9 @@ class Gateway(RobotService):
         section = cell.gateway
         if section is None:
             raise ConfigError(cell.cell, ["gateway: the section is missing"])
-        guard = LastCheck(cell)
+        check = ArmCheck(cell)
         step = set_point_step(cell, section)
-        shaper = SetpointShaper(cell.limits, guard.place, CatchUp.of(cell), step)
+        shaper = SetpointShaper(cell.limits, check.place, CatchUp.of(cell), step)
         pacing = Pacing(
             max_unexecuted=section.max_unexecuted_setpoints,
             heartbeat_after_s=section.heartbeat_s,
@@ -59,7 +59,7 @@ class Gateway(RobotService):
             stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
             signals=ControllerSignals(cell.signals),
         )
-        super().__init__(bus, cell, ControllerDriver(cell, connection, shaper, reach), guard)
+        super().__init__(bus, cell, ControllerDriver(cell, connection, shaper, reach), check)
         self._clock = bus.clock
 
     def counters(self) -> dict[str, int]:

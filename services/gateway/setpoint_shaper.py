@@ -1,6 +1,6 @@
 """Set-point shaper: sliding-window rate limiter of the set points sent to the controller. Pure.
 
-A set point is checked when it is received (`common.motion.last_check`), but it is sent when the
+A set point is checked when it is received (`common.motion.arm_check`), but it is sent when the
 controller has executed the one before, and the newest replaces all others received meanwhile: an
 even stream would be sent in leaps. The sent stream therefore keeps the limits as well: the travel
 in any 250 ms (speed), and the increase of the travel in 60 ms over the 60 ms before (acceleration).

@@ -3,7 +3,7 @@
 from math import gcd, isfinite
 
 from common.config.cell import CellConfig
-from common.motion.last_check import LastCheck
+from common.motion.arm_check import ArmCheck
 from common.robot.service import RobotService
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -33,7 +33,8 @@ class SimRobot(RobotService):
         """Build the arm of this cell and claim the robot and sensor topics as publisher."""
         driver = SimDriver(cell, bus.clock.now_ns())
         self.arm = driver.arm
-        super().__init__(bus, cell, driver, LastCheck(cell, self.arm.kinematics.flange_pose))
+        flange_at = self.arm.kinematics.flange_pose
+        super().__init__(bus, cell, driver, ArmCheck(cell, flange_at=flange_at))
         sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         driver.after_tick.append(sensor.ticked)
         self.wake_ticks = gcd(driver.state_ticks, sensor.ticks)

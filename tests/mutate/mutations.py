@@ -20,7 +20,7 @@ PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
 # The modules that decide about motion, and what stands between them and the controller.
 MODULES = (
-    "common.motion.last_check",
+    "common.motion.arm_check",
     "common.motion.limits",
     "common.motion.permission",
     "common.motion.rate_limiter",

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from common.config.cell import PlaneSection
 from common.config.load import load_cell
 from common.motion import back_off
+from common.motion.arm_check import ArmCheck
 from common.motion.back_off import (
     LONGEST_BACK_OFF_M,
     RISE_N,
     SPEED_M_S,
     BackOffPlan,
-    BackOffState,
     LoadRatchet,
     RISE_Nm,
+    motion_trip,
 )
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
-from common.motion.last_check import LastCheck
 from common.motion.limits import Limits, check_workspace
 from forcemesh.messages import Goal, Speed, Trip, Vec3, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
@@ -155,11 +155,12 @@ def test_the_ceiling_only_comes_down(samples) -> None:
 
 def test_a_force_that_does_not_fall_is_no_contact() -> None:
     """A lost bias reads the same wherever the tool goes: it ends after half the travel."""
-    run, trip, travel_m = BackOffState(DOWN, 0), None, 0.0
+    load, trip, travel_m = LoadRatchet(), None, 0.0
     while trip is None and travel_m < LONGEST_BACK_OFF_M:
         travel_m += 1e-4
-        run, trip = run.update_load(wrench_of((0.0, 0.0, 75.0)))
-        trip = trip or run.moved(shifted(DOWN, z_m=travel_m), round(travel_m / SPEED_M_S * 1e9))
+        load, trip = load.after(wrench_of((0.0, 0.0, 75.0)), "while backing off")
+        T = shifted(DOWN, z_m=travel_m)
+        trip = trip or motion_trip(DOWN, T, travel_m / SPEED_M_S, load)
     assert travel_m == pytest.approx(back_off.MUST_FALL_AFTER_M, abs=2e-4)
     assert trip is not None
     assert trip.code == "still_loaded"
@@ -169,10 +170,10 @@ def test_a_force_that_does_not_fall_is_no_contact() -> None:
 # --- the robot's own check ------------------------------------------------------------------------
 
 
-def freed_guard(wrench: WrenchAtTcp | None, T: pin.SE3 = DOWN) -> LastCheck:
-    """Return a last check under a lease to back off."""
-    guard = LastCheck(CELL)
-    guard.start(T, 0, "back_off")
+def freed_guard(wrench: WrenchAtTcp | None, T: pin.SE3 = DOWN) -> ArmCheck:
+    """Return a check under a lease to back off."""
+    guard = ArmCheck(CELL)
+    guard.start(T, "back_off")
     assert guard.wrench(wrench) is None
     return guard
 
@@ -240,6 +241,7 @@ def test_the_robot_watches_travel_and_turn() -> None:
     ):  # fmt: skip
         guard = freed_guard(wrench_of((0.0, 0.0, 75.0)))
         guard.wrench(wrench_of((0.0, 0.0, 35.0)))
+        assert guard.arm(DOWN, JOINTS, 0) is None
         assert code(guard.arm(T, JOINTS, 5000 * MS)) == rule
 
 
@@ -248,7 +250,7 @@ def test_the_robot_watches_travel_and_turn() -> None:
 
 def test_a_move_may_not_add_much_to_the_force() -> None:
     """20 N above the least of the move; between moves only the ceiling counts."""
-    guard = LastCheck(CELL)
+    guard = ArmCheck(CELL)
     guard.start(DOWN)
     for force, in_move, rule in (
         (2.0, True, ""), (21.0, True, ""), (23.0, True, "force"), (23.0, False, ""),

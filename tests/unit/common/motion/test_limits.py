@@ -1,7 +1,6 @@
 """Limits: exact at their boundary, blind nowhere, and an answer, never an exception."""
 
 import math
-from collections import deque
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,6 @@ from common.config.load import cell_from_tree, dump_cell, load_cell
 from common.motion.frames import apart
 from common.motion.limits import (
     ArmBounds,
-    JointTrack,
     Limits,
     Plane,
     check_apart,
@@ -200,12 +198,6 @@ def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
     trip = check_joints(LIMITS, np.zeros(number))
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("joint_count", number, 6)
-    track = JointTrack(deque([(0, np.zeros(number)), (10**9, np.zeros(number))]))
-    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
-    with pytest.raises(ValueError, match="zip"):
-        bounds.measured(pose_at(CENTRE), MIDDLE, track)
-    with pytest.raises(ValueError, match="zip"):
-        _ = JointTrack(deque([(0, np.zeros(6)), (10**9, np.zeros(number))])).speed_rad_s
     for limits in (
         replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),
@@ -241,56 +233,6 @@ def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
     assert np.degrees(limits.joint_speed_rad_s) == pytest.approx(share_deg_s)
     assert limits.planes[0].point_m.tolist() == [0.1, 0.2, 0.3]
     assert limits.planes[0].normal == pytest.approx([0.0, 0.6, 0.8])
-
-
-# --- windows --------------------------------------------------------------------------------------
-
-
-def check_joint_speed(speed_rad_s: np.ndarray | list[float]) -> Trip | None:
-    """Check an arm that is within all limits but that of its joint speeds."""
-    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
-    track = JointTrack(deque([(0, np.zeros(6)), (10**9, tuple(speed_rad_s))]))
-    return bounds.measured(pose_at(CENTRE), np.zeros(6), track)
-
-
-@pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])
-def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old(
-    period_ms: int,
-) -> None:
-    """Also where it jumps at once; before there is such a sample no speed is known."""
-    back = -(-100 // period_ms)  # samples
-    for known in range(1, 3 * back):
-        track, stamp_ns = JointTrack(), 10**9
-        for number in range(known + 1):
-            stamp_ns = 10**9 + number * period_ms * 1_000_000
-            assert (track.speed_rad_s is not None) == (number > back)
-            track.add(stamp_ns, np.full(6, 0.5 + (number == known)))
-        speed = track.speed_rad_s
-        if known < back:
-            assert speed is None
-        else:
-            assert speed == pytest.approx(np.full(6, 1e3 / (back * period_ms)))
-
-
-def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
-    """Nor does an older one: time never goes back."""
-    track = JointTrack()
-    for stamp_ns, angle_rad in ((10**9, 0.0), (2 * 10**9, 1.0), (2 * 10**9, 9.0), (10**9 + 1, 9.0)):
-        track.add(stamp_ns, np.full(6, angle_rad))
-    assert track.speed_rad_s == pytest.approx(np.ones(6))
-
-
-@pytest.mark.parametrize("joint", range(6))
-def test_each_joint_has_its_speed(joint: int) -> None:
-    """Swept about the limit, both signs; not finite is a trip, too."""
-    fastest = LIMITS.joint_speed_rad_s[joint]
-    for speed in (fastest, -fastest, 1.001 * fastest, -1.001 * fastest, math.nan):
-        speeds = np.zeros(6)
-        speeds[joint] = speed
-        trip = check_joint_speed(speeds)
-        assert (trip is None) == (abs(speed) <= fastest)
-        if trip is not None:
-            assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")
 
 
 def test_a_lower_speed_counts_for_turns_at_a_lever_of_100_mm() -> None:

@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 from common.config.load import load_cell
+from common.motion.arm_check import ArmCheck
 from common.motion.convert import record_of
 from common.motion.kinematics import ArmKinematics
-from common.motion.last_check import LastCheck
 from common.robot.driver import NO_REPORT, NO_SIGNALS, RobotDriver
 from common.robot.report import ArmReport
 from common.robot.service import EARLY, RobotService
@@ -97,7 +97,7 @@ class Bench:
             self.arm.calls.clear()
 
     def _make(self, bus, cell) -> RobotService:
-        self.service = RobotService(bus, cell, self.arm, LastCheck(cell))
+        self.service = RobotService(bus, cell, self.arm, ArmCheck(cell))
         return self.service
 
     def after(self, kind: str, **content: Any) -> list[Any]:

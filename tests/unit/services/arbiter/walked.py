@@ -327,12 +327,12 @@ def key_of(product: Product) -> Key:
     core, now_ns = product.core, product.now_ns
     commanders, stopping, freeing = core._commanders, core._stopping, core._freeing
     turn, pending = commanders.ownership, commanders.pending_move
-    run = None if freeing is None else freeing.run
+    check = None if freeing is None else core._check
     motion = (
         core._armed_for,
         freeing and (freeing.blind, freeing.plan.kind),
-        run and (run.load.lowest_N, run.load.first_N),
-        run and _over(run.since_ns, now_ns, LONGEST_BACK_OFF_S),
+        check and (check._load.lowest_N, check._load.first_N),
+        check and _over(check._since_ns, now_ns, LONGEST_BACK_OFF_S),
         commanders._regulator_rested,
         _over(core._lease_since_ns, now_ns, ROBOT_ANSWERS_WITHIN_S),
         product.verdict.hold_code in OWN_HOLDS,

@@ -74,7 +74,7 @@ def test_the_changes_that_must_never_live_are_among_them():
     expected = (
         "control.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
         "common.motion.setpoint_monitor module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
-        "common.motion.last_check LastCheck.setpoint: returns None",
+        "common.motion.arm_check ArmCheck.setpoint: returns None",
         "control.guards _first_touch: returns None",
     )
     assert titles.issuperset(expected)
@@ -134,7 +134,7 @@ def test_the_command_names_a_module_that_it_does_not_know():
     command = [sys.executable, "-m", "tests.mutate", "common.nothing"]
     done = subprocess.run(command, cwd=mutations.ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "common.nothing is not in the table: common.motion.last_check" in done.stderr
+    assert "common.nothing is not in the table: common.motion.arm_check" in done.stderr
 
 
 def test_a_choice_is_judged_from_the_map_on() -> None:

@@ -1,11 +1,11 @@
-"""README and CONTRIBUTING: short, and true to the repository."""
+"""README and architecture: short, and true to the repository."""
 
 import re
 
 from tools.tree import ROOT
 
 README = ROOT / "README.md"
-CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
 LONGEST_LINES = 120
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
@@ -29,8 +29,8 @@ def test_each_of_the_three_numbers_is_on_the_page_that_its_row_links() -> None:
 
 
 def test_every_folder_of_the_map_exists() -> None:
-    """The map in CONTRIBUTING names the folders that are there."""
-    page = CONTRIBUTING.read_text(encoding="utf-8")
+    """The map names the folders that are there."""
+    page = ARCHITECTURE.read_text(encoding="utf-8")
     folders = re.findall(r"^\| `([a-z]+)/` \|", page, re.MULTILINE)
     assert len(folders) > 5
     assert all((ROOT / folder).is_dir() for folder in folders)

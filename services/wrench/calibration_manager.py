@@ -18,8 +18,8 @@ from common.motion.convert import vec3
 from common.motion.frames import GRAVITY_M_S2, Array, rotation_between
 from common.motion.weight import residual
 from forcemesh.errors import DataError
-from forcemesh.faults import refusal
-from forcemesh.messages import TOUCHING, ContactEvent
+from forcemesh.faults import refused, tripped
+from forcemesh.messages import TOUCHING, ContactEvent, Trip
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
 from services.wrench.active_calibration import (
     ActiveCalibration,
@@ -28,7 +28,6 @@ from services.wrench.active_calibration import (
     parse_calibration,
 )
 from services.wrench.compensation import Compensation, Wrench
-from services.wrench.plausibility import NO_FAULT, WrenchFault
 
 WINDOW_S = 0.25
 REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
@@ -42,7 +41,7 @@ class RequestContext(NamedTuple):
     """Inputs at the time of a request."""
 
     now_ns: int
-    fault: WrenchFault  # of the inputs
+    fault: Trip | None  # of the inputs
     T_base_flange: pin.SE3 | None  # None only with a fault
     moving: bool  # the robot reports motion
     feedback_runs: bool
@@ -65,12 +64,12 @@ class CalibrationManager:
 
     def tare(self, context: RequestContext, _: Empty) -> Reply:
         """Take the present reading as zero."""
-        if (refused := self._refusal(context) or _contact_refusal(context.contact)) is not None:
-            return refused
+        if (trip := self._not_at_rest(context) or _in_contact(context.contact)) is not None:
+            return refused(trip)
         readings = [np.array(reading) for reading, _ in self.recent]
         R = (context.T_base_flange * self._T_flange_sensor).rotation
         force = self._cell.force
-        payload, reply = tare(
+        found = tare(
             self.in_use.payload,
             readings,
             R,
@@ -78,22 +77,23 @@ class CalibrationManager:
             most_Nm=force.tare_max_Nm,
             calibrated=self._calibrated,
         )
-        if reply.accepted:
-            name = f"{self.in_use.origin}, tared"
-            self._activate(replace(self.in_use, payload=payload, name=name), context.now_ns)
-        return reply
+        if isinstance(found, Trip):
+            return refused(found)
+        name = f"{self.in_use.origin}, tared"
+        self._activate(replace(self.in_use, payload=found.payload, name=name), context.now_ns)
+        return Reply(accepted=True, text=str(found), value=found.change_N)
 
     def calibrate(self, context: RequestContext, request: CalibrationRequest) -> Reply:
         """Activate another calibration if it explains the present reading."""
         try:
             found = parse_calibration(request.calibration_json)
         except DataError as error:
-            return refusal("malformed", f"not a calibration: {error}")
+            return refused(tripped("malformed", f"not a calibration: {error}"))
         new = active_calibration(found, self._cell)
         if new.objection:
-            return refusal("payload", new.objection)
-        if (refused := self._refusal(context)) is not None:
-            return refused
+            return refused(tripped("payload", new.objection))
+        if (trip := self._not_at_rest(context)) is not None:
+            return refused(trip)
         fx, fy, fz, mx, my, mz = np.mean([reading for reading, _ in self.recent], axis=0).tolist()
         mean = Wrench((fx, fy, fz), (mx, my, mz))
         left = self._compensation_of(new.payload).at_tcp(mean, context.T_base_flange)
@@ -106,7 +106,7 @@ class CalibrationManager:
                 "mounted"
             )
             value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
-            return refusal("contact", text, value=value, limit=limit)
+            return refused(tripped("contact", text, value=value, limit=limit))
         self._calibrate(new, context.now_ns)
         text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
@@ -118,7 +118,7 @@ class CalibrationManager:
                 f"axes were checked with calibration {request.calibration!r}, but "
                 f"{self.in_use.name!r} is in use: check them again"
             )
-            return refusal("payload", text)
+            return refused(tripped("payload", text))
         self.in_use = replace(self.in_use, axes_checked=True)
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
@@ -135,14 +135,14 @@ class CalibrationManager:
     def _compensation_of(self, payload: Payload) -> Compensation:
         return Compensation(payload, self._T_flange_sensor, self._T_flange_tcp)
 
-    def _refusal(self, context: RequestContext) -> Reply | None:
+    def _not_at_rest(self, context: RequestContext) -> Trip | None:
         """Refuse with invalid inputs, with force feedback, and unless the flange is at rest."""
-        if context.fault != NO_FAULT:
-            return refusal(context.fault.code, context.fault.text)
+        if context.fault is not None:
+            return context.fault
         if context.feedback_runs:
-            return refusal("busy", "force feedback is running: stop it first")
+            return tripped("busy", "force feedback is running: stop it first")
         if len(self.recent) < self._window:
-            return refusal("wait", "not enough samples yet: repeat the request")
+            return tripped("wait", "not enough samples yet: repeat the request")
         poses = [T for _, T in self.recent]
         moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
         rotations = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
@@ -156,10 +156,10 @@ class CalibrationManager:
             f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
             f"within {WINDOW_S:g} s: wait until it is at rest"
         )
-        return refusal("moving", text, value=value, limit=limit)
+        return tripped("moving", text, value=value, limit=limit)
 
 
-def _contact_refusal(contact: ContactEvent | None) -> Reply | None:
+def _in_contact(contact: ContactEvent | None) -> Trip | None:
     """Refuse while the regulator reports contact: its force would be taken for bias."""
     if contact is None or contact.state not in TOUCHING:
         return None
@@ -167,7 +167,22 @@ def _contact_refusal(contact: ContactEvent | None) -> Reply | None:
         f"the tool has been in contact for {contact.duration_s:.1f} s, with up to "
         f"{contact.peak_N:.1f} N: {FREE_FIRST}"
     )
-    return refusal("contact", text, value=contact.peak_N)
+    return tripped("contact", text, value=contact.peak_N)
+
+
+class Tared(NamedTuple):
+    """Payload with a new bias, and the change of the bias."""
+
+    payload: Payload
+    change_N: float
+    change_Nm: float
+
+    def __str__(self) -> str:
+        """Return a description."""
+        return (
+            f"tared: force and torque are zero now; the bias changed by {self.change_N:.2f} N "
+            f"and {self.change_Nm:.3f} N m"
+        )
 
 
 def tare(
@@ -178,8 +193,8 @@ def tare(
     most_N: float,
     most_Nm: float,
     calibrated: Payload | None = None,
-) -> tuple[Payload, Reply]:
-    """Return the payload with the new bias, or the old one with the reason of the refusal.
+) -> Tared | Trip:
+    """Return the payload with the new bias, or why it is refused.
 
     Only the bias changes, by the mean residual of the readings after bias and weight. The change
     is limited, and so is the sum of all changes since the calibration: a contact that is tared
@@ -211,22 +226,17 @@ def tare(
                 f"the bias would change by {change:.1f} {unit}: {since:.1f} {unit} since the "
                 f"calibration, {key} allows {most:g} {unit}; {FREE_FIRST}"
             )
-            return payload, refusal("contact", text, value=max(change, since), limit=most)
+            return tripped("contact", text, value=max(change, since), limit=most, unit=unit)
     weight_N, changed_N = payload.mass_kg * GRAVITY_M_S2, max(change_N, total_N)
     if weight_N >= LEAST_WEIGHT_N and changed_N > WEIGHT_SHARE * weight_N:
         text = (
             f"the bias would change by {changed_N:.1f} N and the tool weighs {weight_N:.1f} N: "
             "a sign, an axis or a unit of the sensor, or the payload, is wrong"
         )
-        return payload, refusal("payload", text, value=changed_N, limit=WEIGHT_SHARE * weight_N)
+        return tripped("payload", text, value=changed_N, limit=WEIGHT_SHARE * weight_N, unit="N")
     shift_N, shift_Nm = shift
     bias = {
         "bias_force_N": vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
         "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm),
     }
-    tared = payload.model_copy(update=bias)
-    text = (
-        f"tared: force and torque are zero now; the bias changed by {change_N:.2f} N "
-        f"and {change_Nm:.3f} N m"
-    )
-    return tared, Reply(accepted=True, text=text, value=change_N)
+    return Tared(payload.model_copy(update=bias), change_N, change_Nm)

@@ -6,28 +6,19 @@ a regulator that presses would press harder.
 
 from dataclasses import dataclass
 from math import dist, isfinite
-from typing import NamedTuple
 
 import numpy as np
 
 from common.config.cell import CellConfig
 from common.config.cell_sensor import SATURATED_FROM
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
 
 FEWEST_REPEATS = 3  # a slow sensor may repeat its last reading
 WILD_APART = 10  # samples: a single outlier is a spike on the line, two this close are a fault
 MARGIN_OF_RANGE = 0.02  # added to the largest step: noise and model error
 LEVER_BEYOND_TCP_M = 0.1  # largest distance of a contact from the TCP
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
-
-
-class WrenchFault(NamedTuple):
-    """Fault: a code of forcemesh/faults.py and a text; both empty: no fault."""
-
-    code: str
-    text: str
-
-
-NO_FAULT = WrenchFault("", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +74,7 @@ class ReadingCheck:
         self._reference_s = 0.0  # its age
         self._calm = WILD_APART  # readings since the last outlier
 
-    def fault_of(self, reading: tuple[float, ...], dt_s: float) -> WrenchFault:
+    def fault_of(self, reading: tuple[float, ...], dt_s: float) -> Trip | None:
         """Return the fault of the sensor after one more reading.
 
         Args:
@@ -99,13 +90,16 @@ class ReadingCheck:
             if not abs(value) < SATURATED_FROM * full:  # nor is a number that is not finite
                 self._reference = None
                 if not isfinite(value):
-                    return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
-                text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
-                return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
+                    return tripped("not_finite", f"{axis} of the sensor is not finite")
+                text = (
+                    f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range of "
+                    f"{full:g} {unit} or beyond"
+                )
+                return tripped("sensor_saturated", text, value=value, limit=full, unit=unit)
         if 0.0 < bounds.frozen_s <= self._still_s and self._repeats >= FEWEST_REPEATS:
             self._reference = None
             text = f"the sensor is frozen: the same six numbers for {self._still_s * 1e3:.0f} ms"
-            return WrenchFault("sensor_frozen", text)
+            return tripped("sensor_frozen", text)
         before = reading if self._reference is None else self._reference
         force_N, torque_Nm = dist(reading[:3], before[:3]), dist(reading[3:], before[3:])
         most_N, most_Nm = [
@@ -118,16 +112,16 @@ class ReadingCheck:
             return self._outlier_fault(torque_Nm, most_Nm, "N m")
         self._calm = min(self._calm + 1, WILD_APART)
         self.accepted, self._reference, self._reference_s = True, reading, 0.0
-        return NO_FAULT
+        return None
 
-    def _outlier_fault(self, change: float, most: float, unit: str) -> WrenchFault:
+    def _outlier_fault(self, change: float, most: float, unit: str) -> Trip | None:
         """Count a single outlier as a spike; the next one soon after it is a fault."""
         calm, self._calm = self._calm, 0
         if calm >= WILD_APART:
             self.spikes += 1
-            return NO_FAULT
+            return None
         self._reference = None
         text = (
             f"the reading jumped by {change:.4g} {unit}, the limit for contact is {most:.4g} {unit}"
         )
-        return WrenchFault("sensor_jump", text)
+        return tripped("sensor_jump", text, value=change, limit=most, unit=unit)

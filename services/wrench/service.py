@@ -12,11 +12,12 @@ from forcemesh import topics
 from forcemesh.bus import LONGEST_FAULT, Bus, Inbox, Origin, Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
-from forcemesh.messages import ZERO3, RobotState, SensorWrench, WrenchAtTcp
+from forcemesh.faults import FAULTS, clipped, tripped
+from forcemesh.messages import ZERO3, RobotState, SensorWrench, Trip, WrenchAtTcp
 from forcemesh.requests import Reply
 from services.wrench.calibration_manager import CalibrationManager, RequestContext
 from services.wrench.compensation import AccelerationEstimator, Filter, ReportedPosition, Wrench
-from services.wrench.plausibility import NO_FAULT, ReadingCheck, ReadingLimits, WrenchFault
+from services.wrench.plausibility import ReadingCheck, ReadingLimits
 
 
 @dataclass(slots=True)
@@ -62,7 +63,8 @@ class WrenchService:
         slower_s = 1.0 / min(cell.rates.robot_hz, cell.rates.sensor_hz)
         deadline_s = cell.stale_after_s(topics.SENSOR_WRENCH)
         self._apart_max_s = max(2.0 * slower_s, 0.5 * deadline_s)
-        self._fault, self._fault_until_ns = NO_FAULT, 0
+        self._fault: Trip | None = None
+        self._fault_until_ns = 0
         # A fault is published for this long: a reader that misses it finds the topic stale.
         self._fault_hold_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
         self._last_stamp_ns = 0
@@ -103,16 +105,16 @@ class WrenchService:
         if robot.fresh is not self._report:  # each report is converted once
             self._report = robot.fresh
             self._T_base_flange = None if self._report is None else pose_of(self._report)
-        was_valid = self._fault == NO_FAULT
+        was_valid = self._fault is None
         fault = self._take(sensor, robot.header)
         no_pose = self._T_base_flange is None or self._pairing.apart_s > self._apart_max_s
-        if fault == NO_FAULT and no_pose:
+        if fault is None and no_pose:
             fault = self._pose_fault(robot)
-        if fault != NO_FAULT:  # it is held until every reader must have received it
+        if fault is not None:  # it is held until every reader must have received it
             waited_for = "missing" in (sensor.code, fault.code)
             self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
-        if fault != NO_FAULT or now_ns >= self._fault_until_ns:
-            self._fault, self.fault = fault, fault.text
+        if fault is not None or now_ns >= self._fault_until_ns:
+            self._fault, self.fault = fault, "" if fault is None else fault.text
         target, contact = self._target.read(now_ns).fresh, self._contact.read(now_ns).fresh
         for inbox, answer in self._requests:
             for each in inbox.take_all():
@@ -125,17 +127,17 @@ class WrenchService:
                     contact=contact,
                 )
                 each.reply(answer(context, each.request))
-        if now_ns >= self._next_put_ns or (was_valid and self._fault != NO_FAULT):
+        if now_ns >= self._next_put_ns or (was_valid and self._fault is not None):
             self._next_put_ns = now_ns + self._put_after_ns
             self._put(sensor)
 
-    def _take(self, sensor: Reading[SensorWrench], robot: Header | None) -> WrenchFault:
+    def _take(self, sensor: Reading[SensorWrench], robot: Header | None) -> Trip | None:
         """Filter a new, valid sample; reset the filter after a gap or a fault."""
         sample, header, T = sensor.fresh, sensor.header, self._T_base_flange
         if sample is not None and header is not None and sample.status == "ok":
             stamp_ns = header.stamp_ns
             if stamp_ns == self._last_stamp_ns:
-                return NO_FAULT
+                return None
             dt_s = max(stamp_ns - self._last_stamp_ns, 0) / NS_PER_S if self._last_stamp_ns else 0.0
             self._last_stamp_ns = stamp_ns
             reading = sample.force_N + sample.torque_Nm
@@ -147,7 +149,7 @@ class WrenchService:
         else:
             fault = sensor_fault(sensor)
             self._check.clear()
-        if fault != NO_FAULT:
+        if fault is not None:
             self._filter.clear()
             self._manager.recent.clear()
         self._pairing.update(header, robot)
@@ -159,17 +161,19 @@ class WrenchService:
             self._acceleration.update(report)
         return fault
 
-    def _pose_fault(self, robot: Reading[RobotState]) -> WrenchFault:
+    def _pose_fault(self, robot: Reading[RobotState]) -> Trip:
         if self._report is None:
-            return WrenchFault(robot.code, robot.fault)
+            return input_trip(robot.code, robot.fault)
         apart_ms, limit_ms = self._pairing.apart_s * 1e3, self._apart_max_s * 1e3
         text = f"wrench and pose are {apart_ms:.0f} ms apart, the limit is {limit_ms:.0f} ms"
-        return WrenchFault("misaligned", text)
+        return tripped(
+            "misaligned", text, value=self._pairing.apart_s, limit=self._apart_max_s, unit="s"
+        )
 
     def _put(self, sensor: Reading[SensorWrench]) -> None:
         filtered, sample, T_base_flange = self._filter.output, sensor.fresh, self._T_base_flange
-        if self.fault or filtered is None or T_base_flange is None or sample is None:
-            why = self._fault if self.fault else WrenchFault("not_ready", "no sample yet")
+        if self._fault or filtered is None or T_base_flange is None or sample is None:
+            why = self._fault or tripped("not_ready", "no sample yet")
             self._out.put(WrenchAtTcp(valid=False, reason=why.text, code=why.code), sensor.origin)
             return
         calibration = self._manager.in_use
@@ -195,13 +199,18 @@ class WrenchService:
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
 
 
-def sensor_fault(sensor: Reading[SensorWrench]) -> WrenchFault:
+def sensor_fault(sensor: Reading[SensorWrench]) -> Trip:
     """Return the fault that the sensor topic reports, before its numbers are checked."""
     if sensor.silent:
-        return WrenchFault("sensor_silent", sensor.fault)
+        return input_trip("sensor_silent", sensor.fault)
     sample = sensor.message
     if sample is not None and sample.status != "ok" and sensor.code in ("", "invalid"):
         code = "sensor_saturated" if sample.status == "saturated" else "sensor_fault"
         reason = f": {sample.reason}" if sample.reason else ""
-        return WrenchFault(code, f"the sensor reports {sample.status}{reason}"[:LONGEST_FAULT])
-    return WrenchFault("sensor_fault" if sensor.code == "invalid" else sensor.code, sensor.fault)
+        return tripped(code, clipped(f"the sensor reports {sample.status}{reason}", LONGEST_FAULT))
+    return input_trip("sensor_fault" if sensor.code == "invalid" else sensor.code, sensor.fault)
+
+
+def input_trip(code: str, text: str) -> Trip:
+    """Return the fault of an input; a code that this version does not know is `invalid`."""
+    return tripped(code if code in FAULTS else "invalid", text)

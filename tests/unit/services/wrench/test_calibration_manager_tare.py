@@ -11,9 +11,9 @@ from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from common.motion.weight import predict, residual
 from forcemesh import topics
-from forcemesh.messages import ContactEvent, ContactState, RobotStatus
+from forcemesh.messages import ContactEvent, ContactState, RobotStatus, Trip
 from forcemesh.requests import Empty
-from services.wrench.calibration_manager import tare
+from services.wrench.calibration_manager import Tared, tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
 
@@ -125,9 +125,10 @@ def test_after_a_tare_the_reading_is_zero_in_every_orientation(turn, drift_N, dr
     )
     drift = np.concatenate((drift_N, drift_Nm)) * (*tool.force_gain, 1.0, 1.0, 1.0)
     still = np.concatenate(predict(tool, R)) + drift
-    tared, reply = tare(tool, [still - 1.0, still, still + 1.0], R, most_N=10.0, most_Nm=1.0)
-    assert reply.accepted
-    assert reply.value == pytest.approx(np.linalg.norm(drift_N), abs=1e-9)
+    found = tare(tool, [still - 1.0, still, still + 1.0], R, most_N=10.0, most_Nm=1.0)
+    assert isinstance(found, Tared)
+    assert found.change_N == pytest.approx(np.linalg.norm(drift_N), abs=1e-9)
+    tared = found.payload
     elsewhere = np.concatenate(predict(tool, np.eye(3))) + drift
     left = residual(tared, np.eye(3), force_N=elsewhere[:3], torque_Nm=elsewhere[3:])
     assert np.abs(left).max() <= 1e-12
@@ -141,10 +142,10 @@ def test_a_tare_is_refused_exactly_above_its_limits(place: int, limit: float) ->
     tool = tool_of(0.0)
     for value, accepted in ((limit, True), (math.nextafter(limit, math.inf), False)):
         sample = value * np.eye(6)[place]
-        tared, reply = tare(tool, [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
-        assert reply.accepted is accepted
-        assert (tared is tool) is not accepted
-        assert accepted or (reply.code, reply.value, reply.limit) == ("contact", value, limit)
+        found = tare(tool, [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
+        assert isinstance(found, Tared) is accepted
+        if isinstance(found, Trip):
+            assert (found.code, found.value, found.limit) == ("contact", value, limit)
 
 
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
@@ -159,17 +160,15 @@ def test_no_sequence_of_tares_moves_the_zero_beyond_the_limit(loads) -> None:
         total = total + np.concatenate(load) * ([1.0] * 3 + [0.1] * 3)
         sample = np.concatenate(predict(calibrated, np.eye(3)))
         sample += total * (*calibrated.force_gain, 1.0, 1.0, 1.0)
-        payload, reply = tare(
-            payload, [sample], np.eye(3), most_N=5.0, most_Nm=0.5, calibrated=calibrated
-        )
+        found = tare(payload, [sample], np.eye(3), most_N=5.0, most_Nm=0.5, calibrated=calibrated)
+        payload = found.payload if isinstance(found, Tared) else payload
         bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
         assert np.linalg.norm(bias_N / calibrated.force_gain) <= 5.0 + 1e-9
         assert np.linalg.norm(bias_Nm) <= 0.5 + 1e-9
-        if reply.accepted:
-            continue
-        assert reply.limit in (5.0, 0.5)
-        assert reply.value is not None
-        assert reply.value > reply.limit
+        if isinstance(found, Trip):
+            assert found.limit in (5.0, 0.5)
+            assert found.value is not None
+            assert found.value > found.limit
 
 
 def test_the_limit_counts_from_the_calibration_until_the_next_one(bench: WrenchBench) -> None:
@@ -213,7 +212,7 @@ def test_above_two_newtons_a_tare_may_remove_three_fifths_of_the_weight(
     tool = tool_of(weight_N)
     weight_N = tool.mass_kg * GRAVITY_M_S2
     sample = reading(weight_N, force_N=share * weight_N)
-    _, reply = tare(tool, [sample], np.eye(3), most_N=1000.0, most_Nm=1000.0)
-    assert reply.code == code
-    if code == "payload":
-        assert reply.limit == pytest.approx(0.6 * weight_N)
+    found = tare(tool, [sample], np.eye(3), most_N=1000.0, most_Nm=1000.0)
+    assert (found.code if isinstance(found, Trip) else "ok") == code
+    if isinstance(found, Trip):
+        assert found.limit == pytest.approx(0.6 * weight_N)

@@ -221,12 +221,16 @@ class World:
         controller.sent.clear()
 
 
-def lease_of(verdict: GateDecision) -> tuple[int, int] | None:
-    """Return arbiter epoch and lease in force, or None."""
+def lease_of(verdict: GateDecision) -> tuple[int, int, int, str] | None:
+    """Return arbiter epoch, number, challenge and purpose of the lease in force, or None.
+
+    A number that is used again with another challenge or purpose is another lease.
+    """
     command, accepted = verdict.command, verdict.accepted
     if command is None or command.permission is None or accepted is None:
         return None
-    return accepted.epoch, command.permission.lease
+    given = command.permission
+    return accepted.epoch, given.lease, given.challenge, given.purpose
 
 
 def is_backing_off(verdict: GateDecision) -> bool:

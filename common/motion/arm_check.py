@@ -39,6 +39,7 @@ JOINT_WINDOW_NS = 100_000_000  # averaging window of joint speeds: samples repea
 LONGEST_CENTRE_M = 0.3  # from the TCP to a contact point: beyond any tool
 PATH_SAMPLES = 25
 ROUNDING_M = 2e-4  # between two readings of an arm at rest
+BACK_OFF_SLACK_M = 1e-3  # at least: such an arm begins at a limit; below the robot's own slack
 
 FlangeAt = Callable[[Array], pin.SE3]
 
@@ -131,7 +132,7 @@ class ArmCheck:
             self._load = LoadRatchet()
             T_base_tcp = T_armed * self.bounds.T_flange_tcp
             limits = back_off.relaxed_limits(limits, T_base_tcp, ROUNDING_M)
-            slack_m = MEASURED_SLACK_M
+            slack_m = max(slack_m, BACK_OFF_SLACK_M)
         self.bounds = replace(self.bounds, limits=limits, T_armed=T_armed)
         self._wide = self._widened(slack_m)
 
@@ -216,18 +217,32 @@ class ArmCheck:
         self._load, trip = load.after(wrench, motion)
         return trip
 
-    def arm(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
+    def arm(
+        self,
+        T_measured: pin.SE3,
+        joint_rad: Joints | Array,
+        stamp_ns: int,
+        *,
+        now_ns: int | None = None,
+    ) -> Trip | None:
         """Check joint angles, pose and joint speeds of the arm; call it for every report.
 
         Joint moves have no end pose that could be checked before, so the measured pose is checked.
+
+        Args:
+            T_measured: Flange pose in base.
+            joint_rad: Joint angles [rad].
+            stamp_ns: Of the report, by the robot's clock: joint speeds count by it.
+            now_ns: By the own clock; None: it is the same.
         """
         trip = check_joints(self._limits, joint_rad, slack_rad=MEASURED_SLACK_RAD)
         if trip is None:
-            self._joints.add(now_ns, joint_rad)
+            self._joints.add(stamp_ns, joint_rad)
         trip = trip or self._wide.place(T_measured) or self._joint_speed_trip()
         if trip is None and self._backs_off and self._load is not None:
-            self._since_ns = now_ns if self._since_ns is None else self._since_ns
-            time_s = max(0, now_ns - self._since_ns) / NS_PER_S
+            at_ns = stamp_ns if now_ns is None else now_ns
+            self._since_ns = at_ns if self._since_ns is None else self._since_ns
+            time_s = max(0, at_ns - self._since_ns) / NS_PER_S
             trip = back_off.motion_trip(self.bounds.T_armed, T_measured, time_s, self._load)
         return trip
 
@@ -251,6 +266,7 @@ class ArmCheck:
         T_flange_tcp, T_goal = self.bounds.T_flange_tcp, pose_of(goal.pose)
         expected = back_off.plan(limits, T_measured, T_flange_tcp, wrench, confirmed=True)
         trip = back_off.goal_trip(expected, T_measured, T_goal, speed)
+        trip = trip or check_speed(self.bounds.limits, speed)
         return trip or self.bounds.place(T_goal)
 
     def _path_trip(self, goal: Goal, T_from: pin.SE3, q_from: Array) -> Trip | None:

@@ -183,7 +183,9 @@ class Arbiter:
         if self.state == "ACTIVE" and ownership.motion is not None and wrench is not None:
             trip = check_wrench(self._stream_limits, wrench.force_N, wrench.torque_Nm)
         trip = trip or self._check.wrench(wrench, in_move=ownership.goal is not None)
-        trip = trip or self._check.arm(tick.T_measured, robot.joint_rad, tick.stamp_ns)
+        trip = trip or self._check.arm(
+            tick.T_measured, robot.joint_rad, tick.stamp_ns, now_ns=tick.now_ns
+        )
         if trip is None and self._freeing is not None:
             trip = self._freeing.freed(tick.T_measured, wrench)
         # A robot that has drawn a new challenge, or still holds: its own checks found a cause.
@@ -322,6 +324,7 @@ class Arbiter:
 
     def _begin_lease(self, purpose: Purpose, robot: RobotState, inputs: Inputs) -> None:
         self._armed_for, self._freeing = purpose, None
+        self._check = ArmCheck(self._terms.cell, ARBITER_SLACK)  # nothing of the last lease
         self._check.start(pose_of(robot), purpose)
         self._resting.explain()
         self._commanders.drop()

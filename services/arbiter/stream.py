@@ -46,7 +46,7 @@ class Tick(NamedTuple):
     now_ns: int
     dt_s: float
     longest_s: float  # a set point that stood for longer has brought the arm to rest
-    stamp_ns: int = 0  # of the measured pose, by the robot's clock
+    stamp_ns: int  # of the measured pose, by the robot's clock
 
 
 class SampleClock(NamedTuple):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from common.config.cell import PlaneSection
 from common.config.load import load_cell
 from common.motion import back_off
-from common.motion.arm_check import ArmCheck
+from common.motion.arm_check import ARBITER_SLACK, ROBOT_SLACK, ArmCheck, Slack
 from common.motion.back_off import (
     LONGEST_BACK_OFF_M,
     RISE_N,
@@ -280,3 +280,32 @@ def test_the_robot_lets_the_arm_go_back_without_a_force_to_follow() -> None:
     for z_m, rule in ((0.005, ""), (0.0061, "state")):
         guard = freed_guard(None)
         assert code(guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)) == rule
+
+
+@pytest.mark.parametrize(("slack", "tether_m"), [(ARBITER_SLACK, 0.022), (ROBOT_SLACK, 0.023)])
+def test_the_arbiter_ends_a_back_off_that_goes_too_far_before_the_robot_does(
+    slack: Slack, tether_m: float
+) -> None:
+    """Its time counts by the own clock, whatever the robot's clock says."""
+    for travel_m, rule in ((tether_m - 1e-4, ""), (tether_m + 1e-4, "tether")):
+        check = ArmCheck(CELL, slack)
+        check.start(DOWN, "back_off")
+        check.wrench(wrench_of((0.0, 0.0, 75.0)))
+        check.wrench(wrench_of((0.0, 0.0, 35.0)))
+        assert check.arm(DOWN, JOINTS, 0, now_ns=0) is None
+        T = shifted(DOWN, z_m=travel_m)
+        assert code(check.arm(T, JOINTS, 1, now_ns=5000 * MS)) == rule
+        if not rule:
+            assert code(check.arm(T, JOINTS, 2, now_ns=10_001 * MS)) == "still_loaded"
+
+
+def test_backing_off_is_never_faster_than_the_cell_allows() -> None:
+    """Also in a cell that is slower than backing off is elsewhere."""
+    slow = load_cell(DEMO_CELL, {"limits.speed_m_s": 0.003})
+    check = ArmCheck(slow)
+    check.start(DOWN, "back_off")
+    assert check.wrench(wrench_of((0.0, 0.0, 75.0))) is None
+    goal = goal_to(shifted(DOWN, z_m=0.010))
+    for speed_m_s, rule in ((0.003, ""), (0.004, "speed")):
+        speed = Speed(mechanical_m_s=speed_m_s)
+        assert code(check.goal(goal, speed, DOWN, JOINTS)) == rule

@@ -217,7 +217,7 @@ def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
     period = 0
     while not stopping.done and period * DT_S < end_s:
         period += 1
-        moment = Tick(T_START, period * PERIOD_NS, DT_S, DT_S)
+        moment = Tick(T_START, period * PERIOD_NS, DT_S, DT_S, 0)
         stopping = step_stop(stopping, BOUNDS, moment)
     return stopping, period * DT_S
 
@@ -268,7 +268,7 @@ def test_a_fade_that_the_joints_cannot_follow_ends_at_once() -> None:
     moving = at_rest(T_START)._replace(speeds=((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)))
     cause = tripped("workspace", "set by the test")
     bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
-    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
+    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S, 0)
     stopping = step_stop(Stopping(cause, moving, 0, joints=Refusing()), bounds, tick)
     assert stopping.done
     assert stopping.trip is cause
@@ -297,7 +297,7 @@ class Follower:
         self.now_ns += wake_ns
         longest_s = LONGEST_NS / 1e9
         self.clock, dt_s = self.clock.next(stamp_ns, self.now_ns, longest_s)
-        tick = Tick(T_START, self.now_ns, wake_ns / 1e9, longest_s)
+        tick = Tick(T_START, self.now_ns, wake_ns / 1e9, longest_s, 0)
         followed = follow(self.motion, above(height_m), WIDE, tick, dt_s=dt_s)
         assert isinstance(followed, CommandedMotion), followed
         self.motion = followed
@@ -389,7 +389,7 @@ def test_a_target_for_the_controller_without_content_holds() -> None:
 def test_a_set_point_that_the_joints_cannot_follow_is_the_joints_refusal() -> None:
     """The limit that it violates, before any limit of the flange behind it."""
     bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
-    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
+    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S, 0)
     found = follow(at_rest(T_START), T_START, bounds, tick, dt_s=DT_S, joints=Refusing())
     assert isinstance(found, Trip)
     assert found.code == "acceleration"

@@ -43,7 +43,8 @@ class PoseReading(TypedDict):
 class CalibrationReading(TypedDict):
     """Calibration that the wrench service subtracts, and the age of its bias."""
 
-    name: str  # revision; ends with "tared" after a tare
+    name: str  # revision
+    tared: bool
     calibrated: bool  # whether force feedback may rely on it
     axes_checked: bool
     bias_age_h: float | None  # since the last tare, or since the start
@@ -120,6 +121,7 @@ def _readings(
         ),
         calibration=CalibrationReading(
             name=used.calibration,
+            tared=used.tared,
             calibrated=used.calibrated,
             axes_checked=used.axes_checked,
             bias_age_h=None if health is None else health.numbers.get("tare_age_h"),
@@ -162,7 +164,7 @@ def _pose_text(pose: PoseReading) -> str:
 def _calibration_text(calibration: CalibrationReading) -> str:
     if not calibration["name"]:
         return f"no data: {calibration['fault']}"
-    texts = [calibration["name"]]
+    texts = [calibration["name"], *(["tared"] if calibration["tared"] else [])]
     if (hours := calibration["bias_age_h"]) is not None:
         minutes = 60.0 * hours
         age = f"{minutes:.0f} min" if minutes < 120.0 else f"{hours:.1f} h"

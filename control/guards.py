@@ -4,9 +4,9 @@ A wrong sign, axis or unit of the sensor turns the loop into positive feedback. 
 - the first touch: the force must push back along the tool axis;
 - passivity (as a passivity observer does): the environment cannot do more work on the tool than
   the tool did on it; with a wrong sensor the tool seems to be driven by its contact;
-- the force while the tool turns: it must stay near its set point, because a wrong torque turns the
-  tool's edge into the contact and the force then grows by itself;
-- travel without contact, travel along unverified axes, and oscillation.
+- travel without contact, and oscillation.
+
+Axes and signs of the sensor were checked before force control was armed (`forcemesh check axes`).
 
 Oscillation: consecutive half waves of the control error that do not decay. Half waves are separated
 by zero crossings. A loop whose gain is too high for its contact oscillates with a period of about
@@ -21,24 +21,19 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Vector, dot, plus, rotated, rotated_back
-from control import unverified_axes
 from control.axis_task import masked
 from control.law import Contact, LawInput, LawMotion, motion_between
-from control.unverified_axes import Flags, YieldTravel
 from forcemesh.faults import tripped
-from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
+from forcemesh.messages import ZERO3, Trip, Vec3
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
-ALONG_TOOL = 0.99  # cosine of the angle from which a press verifies the tool's axis
+ALONG_TOOL = 0.99  # cosine of the angle up to which a press is along the tool
 MAIN_PART = 0.7  # share of the first force along the tool axis: within 45 degrees of it
-RISE_PART = 0.5  # of the set point, plus touch_N: no correct rotation raises the force as much
 HALF_WAVES = 10  # five periods
 HALF_WAVE_KEPT = 0.9  # a half wave smaller than this share of the last one of its sign decays
 DEADBANDS = 10.0  # smaller half waves, in deadbands, are noise or harmless
 SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
-
-TARED = ", tared"  # suffix of a calibration's name after a tare, which changes no axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +44,6 @@ class GuardSettings:
     search_m: float
     lost_m: float
     environment_work_J: float
-    idle_N: float  # below this force and this torque the tool is idle
-    idle_Nm: float
     half_wave: Vector  # least height in N, N, N, N m, N m, N m. Shape (6,)
     half_wave_shortest_s: float
     half_wave_longest_s: float
@@ -65,8 +58,6 @@ class GuardSettings:
             force.search_m,
             force.lost_m,
             force.environment_work_J,
-            idle_N=unverified_axes.IDLE_BANDS * force.deadband_N,
-            idle_Nm=unverified_axes.IDLE_BANDS * force.deadband_Nm,
             half_wave=[DEADBANDS * band for band in deadbands],
             half_wave_shortest_s=SHORTEST_HALF_TAU * tau_s,
             half_wave_longest_s=LONGEST_HALF_TAU * tau_s,
@@ -117,12 +108,8 @@ class GuardSample:
     force_N: Vec3
     torque_Nm: Vec3
     T_base_tcp: pin.SE3  # measured
-    moved_m: Vec3  # travel of the contact point since the last sample, base axes
-    turned_rad: Vec3  # rotation since the last sample, base axes
     contact: Contact  # contact state of the law
     error: Vector  # of force and torque beyond their deadbands. Shape (6,)
-    limited: Flags  # unverified axes of the tool
-    setpoint_N: float
     press_axis: Vec3  # direction of the set point, base axes
     along_tool: bool  # it is the tool's z axis
     side_trips: bool  # a first touch across the press axis is a fault
@@ -132,46 +119,29 @@ class GuardSample:
     dt_s: float
 
     @classmethod
-    def of(
-        cls,
-        sample: LawInput,
-        law: LawMotion,
-        *,
-        T_before: pin.SE3,
-        wrench: WrenchAtTcp,
-        touched: str,
-    ) -> "GuardSample":
+    def of(cls, sample: LawInput, law: LawMotion) -> "GuardSample":
         """Return the monitors' view of one sample; only a press has an approach.
 
-        The errors are those along the free axes, the only ones that the loop controls. The motion
+        The errors are those along the free axes, the only ones that the loop controls. The pose
         is the measured one: a command in flight has changed no force yet.
 
         Args:
             sample: Input of the law.
             law: Motion that the law has returned.
-            T_before: Pose measured at the last sample.
-            wrench: With its calibration, and whether `forcemesh check axes` passed with it.
-            touched: Calibration verified along the tool by a touch from free space.
         """
-        task, rotates = sample.task, sample.rotates
-        unchecked = not wrench.axes_checked
+        task = sample.task
         error_N = masked(law.error_force_N or ZERO3, task.yields, sample.R_base_task)
         error_Nm = masked(law.error_torque_Nm or ZERO3, task.turns, sample.R_base_task)
-        moved_m, turned_rad = motion_between(T_before, sample.T_measured, law.lever_m)
-        # A wrong torque turns the tool into its contact, and the force then pushes it back along
-        # every axis: while the tool may turn, a touch alone exempts no axis.
-        is_touched = touched == wrench.calibration.removesuffix(TARED) and not rotates
-        limited = (unchecked, unchecked, unchecked and not is_touched)
         contact, presses = law.contact if sample.moves else "free", task.press_N > 0.0
         R_base_tcp = sample.T_measured.rotation.tolist()
         press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)
         along_tool = rotated_back(R_base_tcp, press_axis)[2] > ALONG_TOOL
-        # Verified axes may meet any contact; a tool that only presses must not meet it sideways.
-        side_trips = unchecked or (along_tool and not task.complies)
+        # A tool that only presses must not meet its contact sideways.
+        side_trips = along_tool and not task.complies
         return cls(
-            sample.force_N, sample.torque_Nm, sample.T_measured, moved_m, turned_rad, contact,
-            (*error_N, *error_Nm), limited, task.press_N, press_axis, along_tool, side_trips,
-            presses, rotates, law.follows, sample.dt_s,
+            sample.force_N, sample.torque_Nm, sample.T_measured, contact,
+            (*error_N, *error_Nm), press_axis, along_tool, side_trips,
+            presses, sample.rotates, law.follows, sample.dt_s,
         )  # fmt: skip
 
 
@@ -183,14 +153,11 @@ class GuardState:
     began_free: bool = False  # with an approach
     worked: GuardSample | None = None  # last sample whose work is counted
     touched: bool = False
-    verified: bool = False  # a touch from free space has pushed back along the tool
-    found: bool = False  # the force has been at its set point or below
     environment_work_J: float = 0.0  # work done on the tool by the environment
     tool_work_J: float = 0.0  # work done by the tool
     p_search_m: Vec3 | None = None  # where the present search for contact began
     # Of the force and of the torque along each axis.
     swing: list[HalfWaves] = field(default_factory=no_swing)
-    yielding: YieldTravel = field(default_factory=YieldTravel)
 
 
 def kept_over_restart(before: GuardState) -> GuardState:
@@ -200,21 +167,17 @@ def kept_over_restart(before: GuardState) -> GuardState:
     """
     is_free = before.worked is not None and before.worked.contact != "contact"
     if not before.touched or (is_free and not before.began_free):
-        return GuardState(yielding=before.yielding)
-    return replace(before, p_search_m=None, swing=no_swing(), found=False)
+        return GuardState()
+    return replace(before, p_search_m=None, swing=no_swing())
 
 
 def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Advance the state by one sample; return the trip of the first monitor that fired."""
-    R_base_tcp = sample.T_base_tcp.rotation.tolist()
-    force_tool_N = rotated_back(R_base_tcp, sample.force_N)
-    pushed_back_N = -dot(sample.force_N, sample.press_axis)
     _count_work(now, sample)
     now.first = first = now.first or sample
     now.began_free = first.contact == "approach"
     now.touched = now.touched or sample.contact == "contact"
-    now.verified, touch_trip = _first_touch(first, sample, settings)
-    now.found = now.found or pushed_back_N <= sample.setpoint_N
+    touch_trip = None if now.touched else _first_touch_trip(first, sample, settings)
     if sample.contact != "approach":
         now.p_search_m = None
     elif now.p_search_m is None:
@@ -223,19 +186,7 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
         swing.update(error, sample.dt_s, least, settings)
         for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True)
     ]
-    now.yielding.update(
-        force_tool_N,
-        moved_tool_m=rotated_back(R_base_tcp, sample.moved_m),
-        turned_rad=sample.turned_rad,
-        force_N=sample.force_N,
-        torque_Nm=sample.torque_Nm,
-        limited=sample.limited,
-        idle_N=settings.idle_N,
-        idle_Nm=settings.idle_Nm,
-    )
-    if touch_trip is not None and not now.touched:
-        return touch_trip
-    return _monitor_trip(now, sample, settings, force_tool_N, half_waves=max(half_waves))
+    return touch_trip or _monitor_trip(now, sample, settings, half_waves=max(half_waves))
 
 
 def _count_work(now: GuardState, sample: GuardSample) -> None:
@@ -245,7 +196,7 @@ def _count_work(now: GuardState, sample: GuardSample) -> None:
         now.worked = sample
         return
     travel_m, turn_rad = motion_between(last.T_base_tcp, sample.T_base_tcp)
-    if sample.follows:  # the press verified the sign along this axis, not along the other two
+    if sample.follows:  # what the surface does along the press is no fault
         travel_m = plus(travel_m, sample.press_axis, -dot(travel_m, sample.press_axis))
     if hypot(*travel_m) < WORK_STEP_M and hypot(*turn_rad) < WORK_STEP_RAD:
         return
@@ -260,48 +211,44 @@ def _count_work(now: GuardState, sample: GuardSample) -> None:
         now.tool_work_J = max(now.tool_work_J - max(work_J, 0.0), 0.0)
 
 
-def _first_touch(
+def _first_touch_trip(
     first: GuardSample, sample: GuardSample, settings: GuardSettings
-) -> tuple[bool, Trip | None]:
-    """Return whether a touch from free space verifies the tool's axis, and the trip otherwise.
+) -> Trip | None:
+    """Return the trip of a touch from free space that does not push back along the press axis.
 
-    The force must push back along the press axis: only its increase since the first sample counts.
+    Only the increase of the force since the first sample counts.
     """
     if first.contact != "approach":
-        return False, None
+        return None
     grown_N = plus(sample.force_N, first.force_N, -1.0)
     length_N = hypot(*grown_N)
     back_N, least_N = -dot(grown_N, sample.press_axis), MAIN_PART * length_N
     if length_N <= settings.touch_N or back_N >= least_N or not sample.side_trips:
-        verifies = sample.presses and sample.along_tool
-        return verifies and back_N > max(settings.touch_N, least_N), None
+        return None
     axis = "tool axis" if sample.along_tool else "axis of the set point"
     text = (
         f"the first touch reads {back_N:.1f} N back along the {axis}, of {length_N:.1f} N: "
         "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
     )
-    return False, tripped("sensor_sign", text, value=back_N, limit=least_N, unit="N")
+    return tripped("sensor_sign", text, value=back_N, limit=least_N, unit="N")
 
 
 def _monitor_trip(
     now: GuardState,
     sample: GuardSample,
     settings: GuardSettings,
-    force_tool_N: Vec3,
     *,
     half_waves: int,
 ) -> Trip | None:
-    """Return the trip of the first of these monitors that fires; the force is along tool axes.
+    """Return the trip of the first of these monitors that fires.
 
     - A press is passive: the environment cannot return more work than it received. Along compliant
-      axes anything may push the tool, once its sensor is verified.
-    - The force of a press must not keep rising while the tool turns on unverified torques.
-    - Travel along unverified axes and in a search for contact is limited.
+      axes anything may push the tool.
+    - Travel in a search for contact is limited.
     - The force does not oscillate.
     """
-    pushed_back_N, presses = -dot(sample.force_N, sample.press_axis), sample.presses
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
-    is_passive = presses and now.began_free and sample.side_trips
+    is_passive = sample.presses and now.began_free and sample.side_trips
     if is_passive and more_J > settings.environment_work_J:
         text = (
             f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and "
@@ -310,30 +257,16 @@ def _monitor_trip(
         )
         limit_J = settings.environment_work_J
         return tripped("sensor_sign", text, value=more_J, limit=limit_J, unit="J")
-    limit_N = (1.0 + RISE_PART) * sample.setpoint_N + settings.touch_N
-    turns_unverified = presses and sample.rotates and any(sample.limited)
-    if turns_unverified and now.found and pushed_back_N > limit_N:
-        text = (
-            f"the force rose to {pushed_back_N:.1f} N while the tool turned, limit {limit_N:.1f} N:"
-            " a sign or an axis of the torque is wrong, or a person pushes; run `forcemesh check "
-            "axes`, once for each calibration"
-        )
-        return tripped("sensor_sign", text, value=pushed_back_N, limit=limit_N, unit="N")
-    trip = now.yielding.trip(force_tool_N, sample.limited, rotates=sample.rotates)
-    if trip is None and now.p_search_m is not None:
+    if now.p_search_m is not None:
         searched_m = plus(sample.T_base_tcp.translation.tolist(), now.p_search_m, -1.0)
         travel_m = dot(searched_m, sample.press_axis)
         limit_m = settings.lost_m if now.touched else settings.search_m
-        limited = sample.limited[2] if sample.along_tool else any(sample.limited)
-        if now.touched and limited and not now.began_free:
-            # A wrong axis may look like a lost contact.
-            limit_m = min(limit_m, unverified_axes.LIMIT_M)
         if travel_m > limit_m:
             cause = "contact was lost and not found again" if now.touched else "no contact"
             text = f"{cause} within {limit_m * 1e3:g} mm"
             return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
-    if trip is None and half_waves >= HALF_WAVES:
+    if half_waves >= HALF_WAVES:
         height_N = hypot(*sample.error[:3])
         text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
         return tripped("oscillation", text, value=height_N, unit="N")
-    return trip
+    return None

@@ -32,7 +32,7 @@ class Law:
     # Of a tool at rest: commanded pose, measured pose, stiffness identified here before, settings.
     begin: Callable[[pin.SE3, pin.SE3, Vector | None, Any], Any]
     step: Callable[[Any, LawInput, Any], tuple[Any, LawMotion]]
-    guides: bool = False  # a hand guides the tool: on the PC, at set point 0, with verified axes
+    guides: bool = False  # a hand guides the tool: on the PC, at set point 0
     predicts: bool = False  # from its own commands: it takes other motion for that of the contact
     # Whether the law may run in a cell; otherwise the plain law does. The remark is for the reply.
     covers: Callable[[CellConfig], bool] = lambda _: True

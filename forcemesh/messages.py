@@ -198,9 +198,11 @@ class WrenchAtTcp(Message):
     raw_force_N: Vec3 = ZERO3  # as read, sensor axes
     raw_torque_Nm: Vec3 = ZERO3  # as read, sensor axes, about the sensor origin
     calibration: Text = ""  # revision of the subtracted payload and bias
+    tared: bool = False  # the bias is from a tare since
     calibrated: bool = False  # whether force feedback may rely on it
     calibration_fault: Text = ""  # why not
-    axes_checked: bool = False  # `forcemesh check axes` has verified axes and signs with it
+    axes_checked: bool = False  # axes and signs of the force are known to be right with it
+    torques_checked: bool = False  # those of the torque as well
     mounting_rotation_rad: Vec3 = ZERO3  # of it: from the axes of the cell file to the true ones
 
 

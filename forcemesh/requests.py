@@ -172,9 +172,10 @@ class CalibrationRequest(Record):
 
 
 class AxesRequest(Record):
-    """Report that axes and signs of the sensor were verified with this calibration."""
+    """Report that axes and signs of the sensor were checked with this calibration."""
 
     calibration: Text  # revision, as in the wrench message
+    torques: bool = False  # those of the torques as well
 
 
 class RecordRequest(Record):

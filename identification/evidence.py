@@ -16,6 +16,7 @@ from forcemesh.messages import Vec3
 from identification.dwells import Dwell, dwells_of_purpose, means_of, recording_of
 from identification.errors import CalibrationError
 from identification.identify import Identification, identify_payload
+from identification.installation.terms import Installation
 from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.report import fit_report
 from identification.verification import (
@@ -40,6 +41,7 @@ class Evidence:
     verify: Samples | None = None
     serial: str = ""
     notes: tuple[str, ...] = ()
+    installation: Installation | None = None  # as these readings of the cell's sensor show it
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +64,14 @@ def evidence_of(
     down_in_base: Vec3 = DOWN,
     serial: str = "",
     notes: tuple[str, ...] = (),
+    installation: Installation | None = None,
 ) -> Evidence:
     """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
     recording = recording_of(dwells_of_purpose(dwells, "fit"), source)
     fit = identify_payload(recording.samples("sensor"), down_in_base)
     verify_dwells = dwells_of_purpose(dwells, "verify")
     verify = means_of(verify_dwells) if verify_dwells else None
-    return Evidence(method, recording, "sensor", fit, verify, serial, notes)
+    return Evidence(method, recording, "sensor", fit, verify, serial, notes, installation)
 
 
 def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds) -> Findings:
@@ -82,9 +85,10 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
     except ValidationError as error:
         raise CalibrationError(f"no calibration is made: {first_mistake(error).text}") from None
     verify_residual = None if verify is None else residual_of(payload, verify)
+    made_at = datetime.now(UTC).replace(microsecond=0)
     section = CalibrationSection(
         cell=cell.cell,
-        made_at=datetime.now(UTC).replace(microsecond=0),
+        made_at=made_at,
         method=evidence.method,
         tool=cell.tool.name,
         T_flange_tcp=cell.tool.T_flange_tcp,
@@ -94,6 +98,11 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         verified=None if verify_residual is None else verify_residual.summary,
         payload=payload,
     )
+    shown = evidence.installation
+    if shown is not None and shown.rejection_reason is None:
+        section = section.with_axes(
+            cell.robot.model, "calibrate", made_at, torques=shown.shows_torques
+        )
     return Findings(
         section=section,
         evidence=evidence,

@@ -48,7 +48,7 @@ def calibrate(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
 
 def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
     """Return the wizard's readings and their fit. Raises ForcemeshError when they are invalid."""
-    refuse_wrong_axes(job, wizard.dwells)
+    installation = refuse_wrong_axes(job, wizard.dwells)
     count = len(wizard.plan.refused)
     skipped = (f"{count} poses were refused by the arm and replaced",) if count else ()
     return evidence_of(
@@ -58,6 +58,7 @@ def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
         down_in_base=job.cell.gravity_direction_in_base,
         serial=wizard.gatherer.serial,
         notes=(*wizard.plan.warnings, *skipped),
+        installation=installation,
     )
 
 

@@ -199,13 +199,14 @@ def calibrate(job: Job, options: HandOptions, typed_line: TypedLine, cell: Confi
     save_readings(job, recorder.dwells)
     if ended is not None:
         return ended
-    refuse_wrong_axes(job, recorder.dwells)
+    installation = refuse_wrong_axes(job, recorder.dwells)
     evidence = evidence_of(
         "manual",
         recorder.dwells,
         source=job.files.readings,
         down_in_base=job.cell.gravity_direction_in_base,
         serial=recorder.gatherer.serial,
+        installation=installation,
     )
     return conclude(job, evidence, cell)
 

@@ -18,7 +18,7 @@ from identification.errors import CalibrationError
 from identification.evidence import Evidence, Findings, findings_of
 from identification.identify import identify_recording
 from identification.installation.check import judge_recording
-from identification.installation.terms import ExpectedInstallation
+from identification.installation.terms import ExpectedInstallation, Installation
 from identification.recording import WrenchAxes, WrenchRecording, read_recording
 from identification.static_poses import sort_into_poses
 from identification.verification import VerificationBounds
@@ -61,15 +61,18 @@ def calibrate_from_recording(
         return conclude(job, evidence, None)
 
 
-def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
-    """Raise CalibrationError when the dwells of the fit contradict the installation."""
+def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> Installation:
+    """Raise CalibrationError when the dwells of the fit contradict the installation.
+
+    Returns what they show: with force, a contradiction is only a warning.
+    """
     recording = recording_of(dwells_of_purpose(dwells, "fit"), job.files.readings)
-    refuse_wrong_installation(job, recording, "sensor")
+    return refuse_wrong_installation(job, recording, "sensor")
 
 
 def refuse_wrong_installation(
     job: Job, recording: WrenchRecording, axes: WrenchAxes | None
-) -> None:
+) -> Installation:
     """Raise CalibrationError when axes, signs or units are not those of the cell file.
 
     A fit could hide wrong axes, as some of them are explained by a payload; the force loop would
@@ -88,10 +91,10 @@ def refuse_wrong_installation(
             "none: check it. A wrong unit of force (kgf, pounds) is detectable only here"
         )
     if found.rejection_reason is None:
-        return
+        return found
     if job.force:
         print_note(f"warning: {found.rejection_reason}")
-        return
+        return found
     raise CalibrationError(
         f"{found.rejection_reason}; no calibration is made (`forcemesh check axes` shows more, "
         "--force makes one nevertheless)"

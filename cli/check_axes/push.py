@@ -67,7 +67,10 @@ class PushTest:
             f"push_{each.request.name}_{each.request.action}_cosine": each.cosine for each in done
         }
         return Installation(
-            (*lengths, *findings, *_size_findings(done)), tuple(unidentified), evidence
+            (*lengths, *findings, *_size_findings(done)),
+            tuple(unidentified),
+            evidence,
+            shows_torques=not unidentified,
         )
 
     def _step(self, request: PushRequest) -> PushResult | None:

@@ -2,8 +2,10 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Exit, Option, Typer, echo
 
@@ -20,12 +22,16 @@ from cli.context import (
 )
 from cli.payload import Axes, AxesOption, named_axes
 from forcemesh import topics
-from forcemesh.errors import RefusedError
+from forcemesh.errors import DataError, RefusedError
 from forcemesh.requests import AxesRequest
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from common.bus.configured_cell import ConfiguredCell
+    from common.config.calibration import CalibrationSection
     from common.config.cell import CellConfig
+    from forcemesh.messages import WrenchAtTcp
     from identification.installation.terms import ExpectedInstallation, Installation
 
 check = Typer(no_args_is_help=True, help="Check the installation of a cell.")
@@ -117,7 +123,7 @@ def _by_hand(path: Path) -> "tuple[Installation, str]":
             found = PushTest(cell, output).run(ExpectedInstallation.of(cell.config))
         except KeyboardInterrupt:
             exit_with_error("interrupted: no result", NOT_WELL)
-        _report_axes(cell, found)
+        report_axes(path, cell, found, "push")
     return found, f"pushes by hand, against {path}"
 
 
@@ -140,23 +146,58 @@ def _by_arm(
             raise Exit(ended)
         expected = _expected_installation(cell.config, mass_kg)
         found = judge_installation(samples_of(wizard.dwells), expected)
-        _report_axes(cell, found)
+        report_axes(path, cell, found, "arm")
         return found, f"{len(wizard.dwells)} poses of the arm, against {path}"
 
 
-def _report_axes(cell: "ConfiguredCell", found: "Installation") -> None:
-    """Report to the cell that its axes are right, which permits hand guiding."""
+def report_axes(
+    path: Path, cell: "ConfiguredCell", found: "Installation", method: Literal["arm", "push"]
+) -> None:
+    """Report to the cell that its axes are right; keep that in its calibration file."""
+    from common.config.calibration import CalibrationSection
+
     if found.verdict != "right":
         return
     wrench = cell.wrench.wait(REPORT_WITHIN_S).fresh
     if wrench is None:
-        text = "warning: no wrench is published: the cell did not receive the result"
-    else:
-        try:
-            text = cell.ask(topics.AXES, AxesRequest(calibration=wrench.calibration)).text
-        except RefusedError as error:
-            text = f"warning: {error.text}"
-    print_note(text)
+        print_note("warning: no wrench is published: the cell did not receive the result")
+        return
+    try:
+        request = AxesRequest(calibration=wrench.calibration, torques=found.shows_torques)
+        print_note(cell.ask(topics.AXES, request).text)
+        with_axes = partial(
+            CalibrationSection.with_axes,
+            arm=cell.config.robot.model,
+            method=method,
+            made_at=datetime.now(UTC).replace(microsecond=0),
+            torques=found.shows_torques,
+        )
+        print_note(_keep(path, wrench, with_axes))
+    except (DataError, RefusedError) as error:
+        print_note(f"warning: {error}")
+
+
+def _keep(
+    path: Path,
+    wrench: "WrenchAtTcp",
+    with_axes: "Callable[[CalibrationSection], CalibrationSection]",
+) -> str:
+    """Add the result to the calibration file of a cell; return where, or why nowhere."""
+    from common.config.calibration import CalibrationSection
+    from common.config.load import CALIBRATION, load_cell, named_file
+
+    found, file = load_cell(path).calibration, named_file(path, CALIBRATION)
+    is_used = isinstance(found, CalibrationSection) and found.revision == wrench.calibration
+    if file is None or not isinstance(found, CalibrationSection) or not is_used:
+        return (
+            "warning: the result counts until the next start: the cell does not use the "
+            "calibration of a file; name one in the cell file, then run `forcemesh calibrate`, "
+            "which checks the axes as well"
+        )
+    if not wrench.calibrated:
+        return f"warning: the result is not kept: {wrench.calibration_fault}"
+    with_axes(found).save(file)
+    return f"kept in {file}"
 
 
 def print_installation(found: "Installation", source: str, *, as_json: bool) -> None:

@@ -5,6 +5,7 @@ a file written by hand. SI units; payload in sensor axes, from the sensor's orig
 """
 
 import hashlib
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -32,10 +33,20 @@ class Residuals(ConfigSection):
     torque_max_Nm: Size
 
 
+class AxesCheck(ConfigSection):
+    """Evidence that axes and signs of the sensor are those of the cell file."""
+
+    calibration: str  # its revision, which covers tool, mounting and sensor
+    arm: str  # model
+    made_at: AwareDatetime
+    method: Literal["calibrate", "arm", "push"]  # with its poses, or by `forcemesh check axes`
+    torques: bool  # those of the torques as well
+
+
 class CalibrationSection(ConfigSection):
     """A payload with its provenance: tool, sensor, date, method, residuals."""
 
-    revision: str = ""  # hash of all fields below; empty in a file: it is computed
+    revision: str = ""  # hash of all fields below but `axes`; empty in a file: it is computed
     cell: str
     made_at: AwareDatetime
     method: Literal["arm", "manual", "recording"]  # moved by the wizard, by a person, not at all
@@ -46,10 +57,11 @@ class CalibrationSection(ConfigSection):
     fit: Residuals
     verified: Residuals | None = None  # at poses not used in the fit
     payload: Payload
+    axes: AxesCheck | None = None
 
     @model_validator(mode="after")
     def _revision_belongs_to_it(self) -> "CalibrationSection":
-        text = self.model_copy(update={"revision": ""}).model_dump_json()
+        text = self.model_copy(update={"revision": ""}).model_dump_json(exclude={"axes"})
         revision = hashlib.sha256(text.encode()).hexdigest()[:REVISION_CHARS]
         if self.revision not in ("", revision):
             raise ValueError(
@@ -59,6 +71,26 @@ class CalibrationSection(ConfigSection):
             )
         object.__setattr__(self, "revision", revision)
         return self
+
+    def axes_of(self, arm: str) -> AxesCheck | None:
+        """Return the check of the axes with this calibration and this model of arm, if any."""
+        axes = self.axes
+        of_this = axes is not None and (axes.calibration, axes.arm) == (self.revision, arm)
+        return axes if of_this else None
+
+    def with_axes(
+        self,
+        arm: str,
+        method: Literal["calibrate", "arm", "push"],
+        made_at: datetime,
+        *,
+        torques: bool,
+    ) -> "CalibrationSection":
+        """Return this calibration with the evidence of a check of the axes."""
+        axes = AxesCheck(
+            calibration=self.revision, arm=arm, made_at=made_at, method=method, torques=torques
+        )
+        return self.model_copy(update={"axes": axes})
 
     def save(self, path: Path) -> None:
         """Write the calibration file. Raises DataError when it cannot be written."""

@@ -17,6 +17,7 @@ class SensorSection(ConfigSection):
     """The force/torque sensor: mounting, range, connection."""
 
     T_flange_sensor: FrameSection
+    axes_given: bool = False  # axes and signs are known to be right, as in a simulation: no check
     force_range_N: float = Field(500.0, gt=0.0, le=10_000.0)
     torque_range_Nm: float = Field(20.0, gt=0.0, le=1000.0)
     frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # longest constant reading; 0: no noise

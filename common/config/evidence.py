@@ -121,6 +121,8 @@ def input_hashes(cell_file: Path, names: Iterable[str]) -> dict[str, str]:
     for name in names:
         if name in files:
             data = _content(files[name])
+            if name == "calibration":  # a later check of the axes does not change it
+                data = data.partition(b"\naxes:")[0]
         else:
             data = json.dumps(value_at(tree, name), sort_keys=True, default=str).encode()
         hashes[name] = hashlib.sha256(data).hexdigest()[:HASH_CHARS]

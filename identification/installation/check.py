@@ -89,9 +89,12 @@ def judge_installation(samples: Samples, expected: ExpectedInstallation) -> Inst
         "spread_torque_Nm": torque.spread_Nm,
         "torque_wirings_left": float(len(torque.fits)),
     }
-    remarks = [] if axes else [*unidentified(torque, expected), *mounting_remarks(force)]
+    open_signs = unidentified(torque, expected)
+    remarks = [] if axes else [*open_signs, *mounting_remarks(force)]
     remarks += [f"pose {row + 1}, left out: contact, or motion" for row in omitted]
-    return Installation(tuple(found), tuple(remarks), evidence, force.wiring, com_m)
+    return Installation(
+        tuple(found), tuple(remarks), evidence, force.wiring, com_m, shows_torques=not open_signs
+    )
 
 
 def judge_recording(

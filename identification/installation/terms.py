@@ -108,6 +108,7 @@ class Installation:
     evidence: dict[str, float]
     force_wiring: Array | None = None
     com_m: Array | None = None
+    shows_torques: bool = True  # every axis and sign of the torques
 
     @property
     def verdict(self) -> Verdict:

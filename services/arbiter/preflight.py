@@ -154,6 +154,15 @@ def _calibration(context: PreflightContext) -> list[Trip]:
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
+def _axes(context: PreflightContext) -> list[Trip]:
+    wrench = context.inputs.wrench.fresh
+    if wrench is None or wrench.axes_checked:
+        return []
+    name = wrench.calibration or "none"
+    text = f"axes and signs of the sensor are not checked with calibration {name} and this arm"
+    return [tripped("axes_unproved", text)]
+
+
 def contact_trips(cell: CellConfig) -> Iterator[Trip]:
     """Yield why force control of the cell's stiffest contact would not settle."""
     plant, value = cell.plant, cell.force.approach_m_s
@@ -224,6 +233,7 @@ CHECKS: tuple[Check, ...] = (
     Check("force below its ceiling, tool in the workspace", _limits, MOVES),
     Check("the arm is at rest where it was commanded", _at_rest, EVERY),
     Check("the calibration is valid for tool and sensor", _calibration, FORCE),
+    Check("axes and signs of the sensor were checked with it", _axes, FORCE),
     Check("the residual force in free space is small",
           lambda context: [context.inputs.watched.residual], FORCE),
     Check("the stiffness suits the controller, the approach is slow enough for it",

@@ -95,7 +95,7 @@ class ResidualWatch:
     def __init__(self, limit_N: float, limit_Nm: float) -> None:
         """Start without a result."""
         self._limit_N, self._limit_Nm = limit_N, limit_Nm
-        self._source: tuple[int, str] | None = None  # publisher and calibration
+        self._source: tuple[int, str, bool] | None = None  # publisher, calibration, whether tared
         self._in_contact = False
         self._above_since_ns: int | None = None
         self._verdict: Trip | None = None
@@ -106,7 +106,7 @@ class ResidualWatch:
         if wrench is None or header is None:
             self._above_since_ns = None
             return self._verdict
-        source = (header.epoch, wrench.calibration)
+        source = (header.epoch, wrench.calibration, wrench.tared)
         if source != self._source:
             self._source, self._in_contact = source, False
             self._verdict = self._above_since_ns = None
@@ -138,6 +138,11 @@ class ResidualWatch:
             self._verdict = tripped("payload", text, value=value, limit=limit, unit=unit)
 
 
+def _named(calibration: tuple[str, bool]) -> str:
+    name, tared = calibration
+    return f"{name}, tared" if tared else name
+
+
 class FeedbackWatch:
     """Monitor of what must not change while force feedback runs: calibration and controller speed.
 
@@ -151,7 +156,7 @@ class FeedbackWatch:
     def __init__(self, cell: CellConfig) -> None:
         """Start without force feedback."""
         self._cell = cell
-        self._calibration: str | None = None  # when force feedback began
+        self._calibration: tuple[str, bool] | None = None  # when force feedback began
         self._fraction: float | None = None
 
     def update(self, inputs: Inputs) -> Trip | None:
@@ -161,23 +166,27 @@ class FeedbackWatch:
             return None
         wrench, numbers = inputs.wrench.fresh, inputs.numbers("robot")
         fraction = numbers.get(MONITOR)
-        self._fraction = before = fraction if self._fraction is None else self._fraction
+        self._fraction = started = fraction if self._fraction is None else self._fraction
         if wrench is not None:
+            calibration = wrench.calibration, wrench.tared
             if self._calibration is None:
-                self._calibration = wrench.calibration
+                self._calibration = calibration
             if not wrench.calibrated:
                 text = wrench.calibration_fault or "the wrench is not calibrated"
                 return tripped("calibration", text)
-            if wrench.calibration != self._calibration:
-                text = f"{wrench.calibration!r}, it was {self._calibration!r}"
-                text = f"the calibration became {text} when force feedback began"
+            if not wrench.axes_checked:
+                text = "axes and signs of the sensor are not checked with it"
                 return tripped("calibration", text)
-        if fraction is not None and before is not None and abs(fraction - before) > SPEED_NOISE:
+            if calibration != self._calibration:
+                now, before = map(_named, (calibration, self._calibration))
+                text = f"the calibration became {now}, it was {before} when force feedback began"
+                return tripped("calibration", text)
+        if fraction is not None and started is not None and abs(fraction - started) > SPEED_NOISE:
             text = (
                 f"the controller's monitor speed became {100.0 * fraction:g} %, it was "
-                f"{100.0 * before:g} % when force feedback began"
+                f"{100.0 * started:g} % when force feedback began"
             )
-            return tripped("monitor_speed", text, value=fraction, limit=before)
+            return tripped("monitor_speed", text, value=fraction, limit=started)
         return delay_trip(numbers, self._cell, RUNNING_MARGIN)
 
 

@@ -10,6 +10,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from common.motion.permission import outranks
+from control.axis_task import AxisTask
 from control.gain_rule import instability
 from control.laws import LAWS
 from control.pose_path import PosePath
@@ -27,7 +28,6 @@ from forcemesh.requests import (
 from services.regulator.path_request import largest_turn
 from services.regulator.session import ForceOwner, ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
-from services.regulator.task_request import complying
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
@@ -76,6 +76,19 @@ def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Trip | Non
     return tripped(worse.code, worse.fault) if worse.fault else None
 
 
+def refused_sensor(wrench: WrenchAtTcp, task: AxisTask) -> Trip | None:
+    """Return why a task may not use the sensor, None when it may.
+
+    Its force was checked when the arm was armed; another calibration may be in use since.
+    """
+    about = any(task.turns) or any(each is not None for each in task.swings)
+    if wrench.axes_checked and (wrench.torques_checked or not about):
+        return None
+    what, name = "torques" if wrench.axes_checked else "sensor", wrench.calibration or "none"
+    text = f"axes and signs of the {what} are not checked with calibration {name} and this arm"
+    return tripped("axes_unproved", text)
+
+
 def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Trip | None:
     """Return why a client may not change force control, None when it may.
 
@@ -120,23 +133,6 @@ def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Trip | None:
         "or use set point 0"
     )
     return tripped("axes", text)
-
-
-def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> Trip | None:
-    """Return why hand guiding or an admittance cannot start yet, None when it can.
-
-    The effect of a wrong sign cannot be distinguished from a hand by the readings.
-    """
-    complies = request.task is not None and any(map(complying, request.task.axes))
-    if not (LAWS[law].guides or complies) or wrench.axes_checked:
-        return None
-    what = "a compliant axis" if complies else f"law {law}"
-    text = (
-        f"{what} follows the sensor's readings, and its axes and "
-        f"signs are not verified for calibration {wrench.calibration or 'none'}: run `forcemesh "
-        "check axes`, or with --push"
-    )
-    return tripped("axes_unproved", text)
 
 
 def refused_path(

@@ -1,7 +1,6 @@
 """Regulator service: wrench and robot state in, proposed flange pose out."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from itertools import chain
 from math import hypot
@@ -25,7 +24,6 @@ from control.delay_watch import (
 from control.gain_rule import instability, tune
 from control.gains import PiGains, gains_to_send, merged_gains
 from control.guards import (
-    TARED,
     GuardSample,
     GuardSettings,
     GuardState,
@@ -35,7 +33,6 @@ from control.guards import (
 from control.law import LawInput, back_calculate, start_at
 from control.laws import LAWS, refuse_unknown_law
 from control.link_lag import CommandHistory
-from control.unverified_axes import YieldTravel
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
 from forcemesh.clock import NS_PER_S
@@ -55,9 +52,9 @@ from services.regulator.path_request import next_path, tool_poses, turn_limits
 from services.regulator.refusals import (
     refused_axes,
     refused_gains,
-    refused_guide,
     refused_owner,
     refused_path,
+    refused_sensor,
     refused_start,
 )
 from services.regulator.session import (
@@ -117,8 +114,6 @@ class Regulator:
         self._delay = DelayWatchSettings.of(cell)
         self._last_delay: DelayWatch | None = None  # of the last session
         self._contact: ContactStiffness | None = None  # identified by the last session
-        self._touched = ""  # calibration verified along the tool by a touch from free space
-        self._yielded = (-1, YieldTravel())  # lease, and travel of its last session
         self._use_gains(tune(cell).gains)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
@@ -278,15 +273,9 @@ class Regulator:
             )
             session.sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
             session.sent_share = share_to_send(session.sent_share, session.delay.share)
-        T_before, session.T_measured = session.T_measured or T_measured, T_measured
-        guarded = GuardSample.of(
-            sample, session.motion, T_before=T_before, wrench=wrench, touched=self._touched
-        )
-        trip = watch(session.watch, guarded, self._guards)
+        trip = watch(session.watch, GuardSample.of(sample, session.motion), self._guards)
         if trip is not None and trip.code == "oscillation" and session.delay.lower():
             session.watch.swing, trip = no_swing(), None  # counted anew at the lowered gains
-        if trip is None and session.watch.verified:
-            self._touched = wrench.calibration.removesuffix(TARED)
         return trip
 
     def _owned(
@@ -321,7 +310,6 @@ class Regulator:
         if (session := self._session) is not None:
             settings = self._settings[session.law]
             self._contact = LAWS[session.law].identified(session.state, settings)
-            self._yielded = session.lease, session.watch.yielding
             self._last_delay = session.delay
         self._session, self._stop_reason, self.fault = None, reason, ""
 
@@ -340,9 +328,9 @@ class Regulator:
         requested = request.law or cell.force.law
         goal = request_task(request, T_measured, cell, mounting_rad=fresh.mounting_rotation_rad)
         trip = (
-            refused_task(request, cell, goal.R_base_task(T_measured.rotation.tolist()))
+            refused_sensor(fresh, goal)
+            or refused_task(request, cell, goal.R_base_task(T_measured.rotation.tolist()))
             or refused_axes(request, T_measured.rotation)
-            or refused_guide(request, requested, fresh)
         )
         if trip is not None:
             return refused(trip)
@@ -352,7 +340,6 @@ class Regulator:
         first = first_setpoint(goal, fresh.force_N, fresh.torque_Nm, T_measured)
         session = self._session
         if session is None or session.failed or session.request.host != request.host:
-            lease, yielded = self._yielded
             session = ForceSession(
                 request,
                 law,
@@ -363,10 +350,7 @@ class Regulator:
                 start_at(T_measured),
                 self._begin(law, goal, T_measured, T_measured),
                 last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
-                # A copy: a session that fails leaves the travel of the last one as it was.
-                watch=GuardState(
-                    yielding=replace(yielded) if lease == arbiter.lease else YieldTravel()
-                ),
+                watch=GuardState(),
                 compliance=ComplianceState.at(goal, T_measured, T_measured, self._compliance),
                 commanded=CommandHistory.of(cell),
             )

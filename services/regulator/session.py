@@ -79,7 +79,6 @@ class ForceSession:
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     origin: Origin | None = None  # sensor sample of the last wrench
     report: Header | None = None  # of the robot's last one
-    T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
     failed: RegulatorTarget | None = None  # latched: an input failed, or a monitor tripped
 
     @property

@@ -28,10 +28,11 @@ class ActiveCalibration:
 
     payload: Payload
     origin: str  # revision of a calibration, or OF_THE_CELL_FILE
-    name: str  # in each wrench message: the origin, and whether it was tared
     sensor: str = ""  # serial number of the sensor it was made with, empty if unknown
     objection: str = ""  # why it is not valid in this cell
-    axes_checked: bool = False  # axes and signs were verified while it was active
+    axes_checked: bool = False  # axes and signs of the force are known to be right with it
+    torques_checked: bool = False  # those of the torque as well
+    tared: bool = False
 
     def fault(self, sensor: str) -> str:
         """Return why force feedback must not use it with the sensor of this serial number.
@@ -62,14 +63,27 @@ def initial_calibration(cell: CellConfig) -> ActiveCalibration:
             "run `forcemesh calibrate`"
         )
     objection = objection or _too_heavy(section.mass_kg, cell)
-    name = OF_THE_CELL_FILE
-    return ActiveCalibration(section, name, name, objection=objection)
+    is_given = cell.sensor.axes_given
+    return ActiveCalibration(
+        section,
+        OF_THE_CELL_FILE,
+        objection=objection,
+        axes_checked=is_given,
+        torques_checked=is_given,
+    )
 
 
 def active_calibration(found: CalibrationSection, cell: CellConfig) -> ActiveCalibration:
     """Return a stored calibration with its validity in this cell."""
-    name = found.revision
-    return ActiveCalibration(found.payload, name, name, found.sensor, _objection(found, cell))
+    axes, is_given = found.axes_of(cell.robot.model), cell.sensor.axes_given
+    return ActiveCalibration(
+        found.payload,
+        found.revision,
+        found.sensor,
+        _objection(found, cell),
+        axes_checked=is_given or axes is not None,
+        torques_checked=is_given or (axes is not None and axes.torques),
+    )
 
 
 def parse_calibration(text: str) -> CalibrationSection:

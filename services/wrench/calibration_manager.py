@@ -79,8 +79,7 @@ class CalibrationManager:
         )
         if isinstance(found, Trip):
             return refused(found)
-        name = f"{self.in_use.origin}, tared"
-        self._activate(replace(self.in_use, payload=found.payload, name=name), context.now_ns)
+        self._activate(replace(self.in_use, payload=found.payload, tared=True), context.now_ns)
         return Reply(accepted=True, text=str(found), value=found.change_N)
 
     def calibrate(self, context: RequestContext, request: CalibrationRequest) -> Reply:
@@ -112,15 +111,16 @@ class CalibrationManager:
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
     def axes_checked(self, _: RequestContext, request: AxesRequest) -> Reply:
-        """Record that axes and signs were verified with a calibration."""
-        if request.calibration != self.in_use.name:
+        """Record that axes and signs were checked with the calibration in use."""
+        if request.calibration != self.in_use.origin:
             text = (
                 f"axes were checked with calibration {request.calibration!r}, but "
-                f"{self.in_use.name!r} is in use: check them again"
+                f"{self.in_use.origin!r} is in use: check them again"
             )
             return refused(tripped("payload", text))
-        self.in_use = replace(self.in_use, axes_checked=True)
-        text = f"axes and signs are verified for calibration {self.in_use.name}"
+        torques = self.in_use.torques_checked or request.torques
+        self.in_use = replace(self.in_use, axes_checked=True, torques_checked=torques)
+        text = f"axes and signs are checked with calibration {self.in_use.origin}"
         return Reply(accepted=True, text=text)
 
     def _calibrate(self, calibration: ActiveCalibration, now_ns: int) -> None:

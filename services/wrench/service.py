@@ -189,10 +189,12 @@ class WrenchService:
             torque_Nm=at_tcp_in_base.torque_Nm,
             raw_force_N=sample.force_N,
             raw_torque_Nm=sample.torque_Nm,
-            calibration=calibration.name,
+            calibration=calibration.origin,
+            tared=calibration.tared,
             calibrated=not calibration_fault,
             calibration_fault=calibration_fault,
             axes_checked=calibration.axes_checked,
+            torques_checked=calibration.torques_checked,
             mounting_rotation_rad=calibration.payload.mounting_rotation_rad,
         )
         header = sensor.header

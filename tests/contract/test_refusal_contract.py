@@ -138,7 +138,7 @@ def test_a_command_that_fits_no_packet_holds_with_the_reason() -> None:
 def test_above_its_ceiling_a_robot_backs_off_and_does_nothing_else(guarded_rig: Rig) -> None:
     """75 N push up, the ceiling is 60: down, aside and fast are refused; up and slowly is done."""
     rig, slow = guarded_rig, Speed(mechanical_m_s=SPEED_M_S)
-    rig.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 75.0))
+    rig.wrench = WrenchAtTcp(calibrated=True, axes_checked=True, force_N=(0.0, 0.0, 75.0))
     rig.arm(purpose="back_off")
     assert rig.is_at_rest()
     start = pin.SE3(rig.T)

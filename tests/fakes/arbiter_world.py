@@ -44,7 +44,7 @@ ROBOT_FAULTS = (
     "robot_motors", "robot_teach", "robot_lock", "robot_program", "robot_latched", "robot_error",
 )  # fmt: skip
 T_START = pin.SE3(R_from_oat(Oat(0.0, pi, 0.0)), np.array([0.0, 0.5, 0.35]))  # flange, tool down
-FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
+FREE = WrenchAtTcp(calibrated=True, axes_checked=True)  # nothing touches the tool
 STOPPED = RegulatorTarget(valid=False, reason="stopped")
 CHALLENGE = 4242  # of a robot that has known no arbiter
 SPOILED = "spoiled: 123 ms old, limit 100 ms"

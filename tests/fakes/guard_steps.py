@@ -21,8 +21,7 @@ def guard_sample(
 ) -> GuardSample:
     """Return one sample."""
     T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
-    fields: dict[str, Any] = {"torque_Nm": ZERO3, "moved_m": ZERO3, "turned_rad": ZERO3}
-    fields |= {"error": (0.0,) * 6, "limited": (False,) * 3, "setpoint_N": 8.0}
+    fields: dict[str, Any] = {"torque_Nm": ZERO3, "error": (0.0,) * 6}
     fields |= {"press_axis": T.rotation[:, 2].tolist(), "along_tool": True, "side_trips": True}
     fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
     return GuardSample(force_N=force_N, T_base_tcp=T, contact=contact, **fields)
@@ -32,5 +31,5 @@ def watched(
     before: GuardState, sample: GuardSample, settings: GuardSettings
 ) -> tuple[GuardState, Trip | None]:
     """Return the state after one sample, and the trip."""
-    now = replace(before, swing=deepcopy(before.swing), yielding=deepcopy(before.yielding))
+    now = replace(before, swing=deepcopy(before.swing))
     return now, watch(now, sample, settings)

@@ -39,7 +39,7 @@ class RegulatorBench(Bench):
     def __init__(self, cell: CellConfig = CELL) -> None:
         """Start armed, free of contact, with every process running."""
         super().__init__("regulator", Regulator, cell)
-        self.wrench = WrenchAtTcp(calibrated=True, axes_checked=True)
+        self.wrench = WrenchAtTcp(calibrated=True, axes_checked=True, torques_checked=True)
         self.arbiter = ArbiterStatus(state="ARMED", lease=3)
         self.robot = good_messages(CELL)["robot"]
         self.command = RobotCommand(kind="idle")

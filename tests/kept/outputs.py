@@ -53,7 +53,8 @@ class Content(NamedTuple):
 def wrench(record: m.WrenchAtTcp) -> Content:
     """Return the environment's wrench, and its validity."""
     numbers = {"wrench": [*record.force_N, *record.torque_Nm]} if record.valid else {}
-    return Content(numbers, (record.valid, record.code, record.calibrated, record.calibration))
+    name = f"{record.calibration}, tared" if record.tared else record.calibration
+    return Content(numbers, (record.valid, record.code, record.calibrated, name))
 
 
 def regulator(record: m.RegulatorTarget) -> Content:

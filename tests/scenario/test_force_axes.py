@@ -18,7 +18,6 @@ from forcemesh import topics
 from forcemesh.force_task import AXIS_NAMES, parse_task
 from forcemesh.messages import PoseRecord
 from forcemesh.requests import ForceStartRequest, ForceTask
-from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import DEMO
 from tests.fakes.coupled_contact import CoupledContact, skewed_stiffness
 from tests.fakes.lab import Lab
@@ -104,7 +103,6 @@ class AxesRig:
         arm.plate = bushing
         if seed % 2:  # the tool is already loaded along and about all axes
             bushing.shift(rng.uniform(-3e-4, 3e-4, 3), rng.uniform(-0.01, 0.01, 3))
-        axes_are_checked(self.lab.cell.client)
         self.lab.cell.advance(0.2)
         self.target = self.lab.cell.client.reader(topics.REGULATOR_TARGET)
         self.start(task_of(row[3:], row[2], arm.T_base_tcp))

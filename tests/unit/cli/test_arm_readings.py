@@ -16,7 +16,7 @@ CELL = load_cell(DEMO)
 DOWN = (1.0, 0.0, 0.0, 0.0)  # the tool's z axis points down
 ROBOT = RobotState(position_m=(0.45, -0.1, 0.3), orientation_xyzw=DOWN, joint_rad=(0.0,) * 6)
 WRENCH = WrenchAtTcp(
-    force_N=(0.0, -0.001, 12.0), calibration="rev, tared", calibrated=True, axes_checked=True
+    force_N=(0.0, -0.001, 12.0), calibration="rev", tared=True, calibrated=True, axes_checked=True
 )
 TARGET = RegulatorTarget(setpoint_N=12.0, contact="contact")
 

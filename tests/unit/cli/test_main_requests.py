@@ -217,7 +217,7 @@ def test_watch_without_a_topic_shows_the_rate_of_every_topic() -> None:
 @pytest.mark.parametrize("words", [["jog", "z", "-10"], ["move", "by", "1,0,0,0,0,0"]])
 def test_a_move_of_a_loaded_tool_needs_confirmation(services: StandIn, words: list[str]) -> None:
     """The question gives force and permitted rise; without an answer nothing is requested."""
-    services.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 12.3))
+    services.wrench = WrenchAtTcp(calibrated=True, axes_checked=True, force_N=(0.0, 0.0, 12.3))
     done = run(*words)
     assert done.exit_code == REFUSED
     assert "loaded with 12.3 N; a rise of 20 N stops the move" in done.stderr

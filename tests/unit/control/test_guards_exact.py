@@ -22,19 +22,15 @@ from control.guards import (
     no_swing,
 )
 from control.law import start_at
-from forcemesh.messages import Trip, WrenchAtTcp
+from forcemesh.messages import Trip
 from tests.fakes.guard_steps import DOWN, guard_sample, watched
 from tests.fakes.law_input import mode_input
 
-Z_ONLY = (False, False, True)
-NOT_Z = (True, True, False)
 SETTINGS = GuardSettings(
     touch_N=2.0,
     search_m=0.03125,
     lost_m=0.0078125,
     environment_work_J=0.0625,
-    idle_N=0.45,
-    idle_Nm=0.03,
     half_wave=(3.0,) * 6,
     half_wave_shortest_s=0.016,
     half_wave_longest_s=0.25,
@@ -51,35 +47,20 @@ def numbers(trip: Trip | None) -> tuple[str, float | None, float | None] | None:
     return None if trip is None else (trip.code, trip.value, trip.limit)
 
 
-@pytest.mark.parametrize("checked", [False, True])
 @pytest.mark.parametrize("complies", [False, True])
 @pytest.mark.parametrize("aside", [False, True])
-def test_a_first_touch_aside_is_a_fault_of_unverified_axes_and_of_a_tool_that_only_presses(
-    checked: bool, complies: bool, aside: bool
+def test_a_first_touch_aside_is_a_fault_of_a_tool_that_only_presses(
+    complies: bool, aside: bool
 ) -> None:
-    """Verified axes may be touched sideways by a task that presses elsewhere or complies."""
+    """A task that presses elsewhere or complies may be touched sideways."""
     T = pin.SE3(DOWN, np.zeros(3))
     sample = mode_input(setpoint_N=8.0, motion=start_at(T))
     press_N = (8.0, 0.0, 0.0) if aside else (0.0, 0.0, 8.0)
     shifts = (VirtualMass() if complies else None, None, None)
     task = AxisTask((True,) * 3, force_N=press_N, shifts=shifts)
-    wrench = WrenchAtTcp(axes_checked=checked)
-    found = GuardSample.of(
-        replace(sample, task=task), start_at(T), T_before=T, wrench=wrench, touched=""
-    )
+    found = GuardSample.of(replace(sample, task=task), start_at(T))
     assert found.along_tool == (not aside)
-    assert found.side_trips == (not checked or (not aside and not complies))
-
-
-def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:
-    """Measured since the last sample, with the part of a rotation about the TCP."""
-    T = pin.SE3(pin.utils.rotate("z", 0.1) @ DOWN, np.array([0.001, 0.002, 0.003]))
-    sample = mode_input(setpoint_N=8.0, mode="both", motion=start_at(T))
-    law = replace(start_at(T), lever_m=(0.05, 0.0, 0.0))
-    before = pin.SE3(DOWN, np.zeros(3))
-    found = GuardSample.of(sample, law, T_before=before, wrench=WrenchAtTcp(), touched="")
-    assert found.turned_rad == pytest.approx([0.0, 0.0, 0.1])
-    assert found.moved_m == pytest.approx([0.001, 0.007, 0.003])
+    assert found.side_trips == (not aside and not complies)
 
 
 # --- the first touch ------------------------------------------------------------------------------
@@ -89,38 +70,34 @@ SIDE_N = sqrt(51.0)  # with 7 N along the tool that is 10 N, of which 0.7 are al
 
 
 @pytest.mark.parametrize(
-    ("grown_N", "limit_N", "proves"),
+    ("grown_N", "limit_N"),
     [
-        ((2.0, 0.0, 0.0), None, False),
-        ((next_above(2.0), 0.0, 0.0), 0.7 * next_above(2.0), False),
-        ((0.0, 0.0, 2.0), None, False),
-        ((0.0, 0.0, next_above(2.0)), None, True),
-        ((SIDE_N, 0.0, 7.0), None, False),
-        ((SIDE_N, 0.0, 6.99), 0.7 * sqrt(51.0 + 6.99**2), False),
-        ((SIDE_N, 0.0, 7.01), None, True),
-        ((0.0, 0.0, -3.0), 2.1, False),
+        ((2.0, 0.0, 0.0), None),
+        ((next_above(2.0), 0.0, 0.0), 0.7 * next_above(2.0)),
+        ((0.0, 0.0, 2.0), None),
+        ((0.0, 0.0, next_above(2.0)), None),
+        ((SIDE_N, 0.0, 7.0), None),
+        ((SIDE_N, 0.0, 6.99), 0.7 * sqrt(51.0 + 6.99**2)),
+        ((SIDE_N, 0.0, 7.01), None),
+        ((0.0, 0.0, -3.0), 2.1),
     ],
 )
-def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(grown_N, limit_N, proves) -> None:
-    """2 N at most is no touch; of a touch at least 0.7 is along the tool, and more verifies it."""
+def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(grown_N, limit_N) -> None:
+    """2 N at most is no touch; of a touch at least 0.7 is along the tool."""
     now, _ = watched(GuardState(), guard_sample("approach", PRELOAD_N), SETTINGS)
-    touched, trip = watched(now, guard_sample("approach", plus(PRELOAD_N, grown_N)), SETTINGS)
+    _, trip = watched(now, guard_sample("approach", plus(PRELOAD_N, grown_N)), SETTINGS)
     expected = None if limit_N is None else ("sensor_sign", grown_N[2], pytest.approx(limit_N))
     assert numbers(trip) == expected
-    assert touched.verified is proves
 
 
-def test_only_a_first_touch_from_free_space_verifies_an_axis_or_trips() -> None:
-    """Not a start in contact or at rest, nor set point 0; a press is not checked again."""
-    up, aside = guard_sample("contact", (0.0, 0.0, 30.0)), guard_sample("approach", (30.0, 0, 0))
+def test_only_a_first_touch_from_free_space_trips() -> None:
+    """Not a start in contact or at rest; a press is not checked again."""
+    aside = guard_sample("approach", (30.0, 0, 0))
     free = GuardState(first=guard_sample("approach"))
-    assert watched(free, up, SETTINGS)[0].verified
     assert watched(free, aside, SETTINGS)[1] is not None
-    assert not watched(free, replace(up, presses=False), SETTINGS)[0].verified
     assert watched(replace(free, touched=True), aside, SETTINGS)[1] is None
-    for first in (None, guard_sample("free"), guard_sample("contact")):
-        assert not watched(GuardState(first=first), up, SETTINGS)[0].verified
-        assert first is None or watched(GuardState(first=first), aside, SETTINGS)[1] is None
+    for first in (guard_sample("free"), guard_sample("contact")):
+        assert watched(GuardState(first=first), aside, SETTINGS)[1] is None
 
 
 # --- work -----------------------------------------------------------------------------------------
@@ -208,59 +185,25 @@ def test_work_of_the_environment_on_a_press_from_free_space_is_limited_by_that_o
         assert numbers(trip) == (expected if trips else None)
 
 
-# --- the force that grows while the tool turns ----------------------------------------------------
+# --- searching, oscillation -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("changes", "may_trip"),
+    ("first", "touched", "limit_m"),
     [
-        ({}, True),
-        ({"rotates": False}, False),
-        ({"presses": False}, False),
-        ({"limited": (False, False, False)}, False),
+        ("approach", False, 0.03125),
+        ("free", False, 0.03125),
+        ("approach", True, 0.0078125),
+        ("contact", True, 0.0078125),
     ],
 )
-def test_an_unverified_rotation_presses_half_the_set_point_and_touch_n_more(changes, may_trip):
-    """14 N at most for 8 N, once the force has been at 8 N or below; before, it may fall."""
-    fields = {"rotates": True, "limited": (True, False, False)} | changes
-    for first_N, was_found in ((8.0, True), (next_above(8.0), False)):
-        begun, _ = watched(
-            GuardState(), guard_sample("contact", (0.0, 0.0, first_N), **fields), SETTINGS
-        )
-        for force_N, is_more in ((14.0, False), (next_above(14.0), True)):
-            sample = guard_sample("contact", (0.0, 0.0, force_N), **fields)
-            expected = ("sensor_sign", force_N, 14.0)
-            trips = was_found and is_more and may_trip
-            assert numbers(watched(begun, sample, SETTINGS)[1]) == (expected if trips else None)
-
-
-# --- yielding, searching, oscillation -------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("first", "touched", "limited", "lost_m", "limit_m"),
-    [
-        ("approach", False, Z_ONLY, 0.0078125, 0.03125),
-        ("free", False, Z_ONLY, 0.0078125, 0.03125),
-        ("approach", True, Z_ONLY, 0.0078125, 0.0078125),
-        ("contact", True, NOT_Z, 0.0078125, 0.0078125),
-        ("contact", True, Z_ONLY, 0.0078125, 0.002),
-        ("contact", True, Z_ONLY, 0.001, 0.001),
-    ],
-)
-def test_a_search_ends_with_its_travel(first, touched, limited, lost_m, limit_m) -> None:
-    """search_m for the first contact, lost_m for the next, 2 mm where its loss verifies nothing.
-
-    The travel counts along the tool, from its start.
-    """
-    settings = replace(SETTINGS, lost_m=lost_m)
+def test_a_search_ends_with_its_travel(first, touched, limit_m) -> None:
+    """search_m for the first contact, lost_m for the next, along the tool, from its start."""
     for p_began_m in ((0.0, 0.0, 0.0), (0.5, 0.25, 0.0)):
         began = GuardState(first=guard_sample(first), touched=touched, p_search_m=p_began_m)
         for travel_m, trips in ((limit_m, False), (next_above(limit_m), True), (-1.0, False)):
-            sample = guard_sample(
-                "approach", (0.0, 0.0, 0.0), (9.0, 9.0, -travel_m), limited=limited
-            )
-            _, trip = watched(began, sample, settings)
+            sample = guard_sample("approach", (0.0, 0.0, 0.0), (9.0, 9.0, -travel_m))
+            _, trip = watched(began, sample, SETTINGS)
             assert numbers(trip) == (("travel", travel_m, limit_m) if trips else None)
             lost = trip is not None and trip.text.startswith("contact was lost and not found")
             never = trip is not None and trip.text.startswith("no contact within")
@@ -302,26 +245,13 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, pres
     same = (before.first, before.worked, True, 0.02)
     assert kept == (same if lives_on else (None, None, False, 0.0))
     assert (now.p_search_m, now.swing) == (None, no_swing())
-    assert now.yielding is before.yielding
 
 
 def test_a_change_before_the_first_sample_carries_nothing() -> None:
     """After two requests within one period no motion has occurred."""
     now = kept_over_restart(GuardState())
     assert (now.first, now.worked) == (None, None)
-    flags = (now.began_free, now.touched, now.verified, now.found)
-    assert flags == (False, False, False, False)
-
-
-def test_a_lowered_set_point_is_no_rise_of_the_force() -> None:
-    """The old force may fall first; after that it must not rise again."""
-    turning = {"rotates": True, "limited": (True, True, False)}
-    at_6_N, at_30_N = (guard_sample("contact", (0, 0, N), **turning) for N in (6.0, 30.0))
-    now, _ = watched(GuardState(), at_6_N, SETTINGS)
-    now, trip = watched(kept_over_restart(now), at_30_N, SETTINGS)
-    assert trip is None
-    now, _ = watched(now, at_6_N, SETTINGS)
-    assert watched(now, at_30_N, SETTINGS)[1] is not None
+    assert (now.began_free, now.touched) == (False, False)
 
 
 @pytest.mark.parametrize("turns", [False, True])

@@ -165,12 +165,15 @@ def test_lateral_drift_is_stopped_by_the_work_limit() -> None:
 
 @pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (-1.0, 1.0, 1.0)])
 def test_wrong_torques_are_stopped_while_the_tool_rotates(signs: tuple[float, ...]) -> None:
-    """Mode both on a tilted plate: the disc would rotate onto its edge, not onto its face."""
+    """Mode both on a tilted plate: the disc would rotate onto its edge, not onto its face.
+
+    The work that the contact seems to do reveals it, before the force reaches its ceiling.
+    """
     bench = Press(cell_with(sim__tilt_deg=5.0))
     bench.rewire(EYE, np.diag(signs))
     touch = bench.press("both", for_s=2.0)
     assert "sensor_sign" in touch.codes
-    assert touch.peak_N < 2.0 * MOST_N
+    assert touch.peak_N < CELL.limits.force_N
     assert touch.travel_m < MOST_M
 
 

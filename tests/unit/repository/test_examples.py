@@ -9,7 +9,6 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from launch.virtual_cell import VirtualCell
-from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import DEMO, HALF_RATES
 from tools.tree import PRODUCTION
 
@@ -84,7 +83,6 @@ def test_align_turns_by_the_tilt_of_the_plate() -> None:
 def test_guide_follows_a_push_and_goes_back() -> None:
     """Pushed with 8 N for the time: centimetres away, and back where it began."""
     world, cell = armed(gap_m=0.1)
-    axes_are_checked(world.client)
     start = np.array(world.arm.T_base_flange.translation)
     tool = world.arm.model.body("tool").id
     guide = load("guide")

@@ -196,6 +196,7 @@ def test_what_is_not_determined_passes_and_is_reported(recorded, expected, remar
     found = judge_installation(recorded, expected)
     assert found.verdict == "right"
     assert any(remark in line for line in found.unidentified)
+    assert found.shows_torques == ("off" in remark)
 
 
 def test_a_sensor_of_reactions_and_a_hanging_arm_give_the_same_readings() -> None:

@@ -125,6 +125,15 @@ def permitted_challenge(world: World) -> int:
 # --- free space, calibration, approach ------------------------------------------------------------
 
 
+def test_force_feedback_needs_a_check_of_the_axes_but_jog_does_not() -> None:
+    """A wrong sign or axis would push where it must give way; the refusal names the calibration."""
+    world = World().make_ready()
+    world.change("wrench", calibration="5eed", axes_checked=False)
+    world.tick()
+    assert "5eed" in world.core.arm(world.inputs()).text
+    assert refused_with(world) == ("axes_unproved", True)
+
+
 def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
     """Half a second of it is reported with both numbers, also in the status before arming (H28)."""
     world = World().make_ready()

@@ -189,6 +189,25 @@ def test_the_calibration_must_stay_only_while_force_feedback_runs(
     assert (None if trip is None else trip.code) == ("calibration" if reported else None)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"tared": True}, "a, tared, it was a"), ({"axes_checked": False}, "axes and signs")],
+)
+def test_force_feedback_ends_with_a_tare_and_without_checked_axes(
+    changes: dict[str, bool], words: str
+) -> None:
+    """Both change what the force is while it moves the arm."""
+    world, watch = World(), FeedbackWatch(CELL)
+    world.change("wrench", calibration="a")
+    world.propose(shifted())
+    assert watch.update(world.inputs()) is None
+    world.change("wrench", **changes)
+    trip = watch.update(world.inputs())
+    assert trip is not None
+    assert trip.code == "calibration"
+    assert words in trip.text
+
+
 # --- pose and wrench ------------------------------------------------------------------------------
 
 

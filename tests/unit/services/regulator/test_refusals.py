@@ -169,19 +169,20 @@ def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic, code, text) ->
     assert text in reply.text
 
 
-@pytest.mark.parametrize("asked", [start(law="admittance"), task("x=free")])
-def test_what_a_hand_moves_requires_checked_axes(bench: RegulatorBench, asked: Any) -> None:
-    """A wrong sign looks like a hand; also during another mode. The refusal names the check."""
-    bench.wrench = bench.wrench.replaced(axes_checked=False)
+def test_no_force_control_starts_with_axes_that_are_not_checked(bench: RegulatorBench) -> None:
+    """Another calibration may be in use since the arm was armed; a turn needs the torques, too."""
+    bench.wrench = bench.wrench.replaced(torques_checked=False, calibration="5eed")
     bench.step()
-    for running in (False, True):
-        assert not running or bench.start(POSITION).accepted
+    for asked in (start(mode="both"), task("rx=free"), task("rz=torque:0.1")):
         reply = bench.start(asked)
         assert (reply.accepted, reply.code) == (False, "axes_unproved")
-        assert "forcemesh check axes" in reply.text
-    bench.wrench = bench.wrench.replaced(axes_checked=True)
+        assert "the torques are not checked with calibration 5eed" in reply.text
+    assert bench.start(POSITION).accepted
+    bench.wrench = bench.wrench.replaced(axes_checked=False)
     bench.step()
-    assert bench.start(asked).accepted
+    reply = bench.start(POSITION)
+    assert (reply.accepted, reply.code) == (False, "axes_unproved")
+    assert "the sensor are not checked with calibration 5eed" in reply.text
 
 
 # --- a path ---------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.common.config.test_calibration import NOTHING_LEFT, calibration
 
 TRUE_PAYLOAD = IDEAL.payload
+REAL = IDEAL.model_copy(update={"sensor": IDEAL.sensor.model_copy(update={"axes_given": False})})
 HEAVY = TRUE_PAYLOAD.model_copy(update={"mass_kg": 2.0})
 ON_A_WALL = TRUE_PAYLOAD.model_copy(update={"gravity_direction_in_base": (1.0, 0.0, 0.0)})
 FRAMES = {"T_flange_tcp": IDEAL.tool.T_flange_tcp, "T_flange_sensor": IDEAL.sensor.T_flange_sensor}
@@ -153,7 +154,7 @@ def test_a_newer_calibration_is_used_at_once(bench: WrenchBench) -> None:
     bench.pass_s(0.3)
     assert bench.ask(topics.TARE, Empty()).accepted
     bench.settle()
-    assert bench.published().calibration == f"{found.revision}, tared"
+    assert (bench.published().calibration, bench.published().tared) == (found.revision, True)
 
 
 def test_the_residual_torque_is_that_about_the_tcp(bench: WrenchBench) -> None:
@@ -233,11 +234,13 @@ def test_the_filters_delay_is_reported(bench: WrenchBench) -> None:
     assert 0.0 <= reason["tare_age_h"] < 1.0
 
 
-# --- verified axes --------------------------------------------------------------------------------
+# --- checked axes ---------------------------------------------------------------------------------
 
 
-def test_axes_are_verified_for_the_calibration_in_use_only(bench: WrenchBench) -> None:
+def test_axes_are_checked_for_the_calibration_in_use_only() -> None:
     """A check under another calibration does not count; a new calibration requires a new check."""
+    bench = WrenchBench(REAL)
+    bench.pass_s(0.3)
     in_use = bench.published().calibration
     assert not bench.published().axes_checked
     reply = bench.ask(topics.AXES, AxesRequest(calibration="00000000"))
@@ -246,8 +249,42 @@ def test_axes_are_verified_for_the_calibration_in_use_only(bench: WrenchBench) -
     bench.pass_s(0.1)
     assert not bench.published().axes_checked
     assert bench.ask(topics.AXES, AxesRequest(calibration=in_use)).accepted
-    bench.pass_s(0.1)
+    assert bench.ask(topics.TARE, Empty()).accepted  # it changes no axis
+    bench.pass_s(0.3)
     assert bench.published().axes_checked
     assert send_calibration(bench, demo_calibration()).accepted
     bench.pass_s(0.1)
     assert not bench.published().axes_checked
+
+
+@pytest.mark.parametrize(
+    ("arm", "other", "is_checked"),
+    [("rs007l", {}, True), ("panda", {}, False), ("rs007l", {"sensor": "x"}, False)],
+)
+def test_a_calibration_whose_poses_showed_the_axes_is_their_check(
+    arm: str, other: dict[str, Any], is_checked: bool
+) -> None:
+    """With that calibration and that arm; the revision is that of the calibration without it."""
+    found = demo_calibration()
+    of = demo_calibration(**other).with_axes(arm, "calibrate", found.made_at, torques=False)
+    checked = found.model_copy(update={"axes": of.axes})
+    bench = WrenchBench(REAL)
+    bench.pass_s(0.3)
+    assert send_calibration(bench, checked).accepted
+    bench.pass_s(0.1)
+    published = bench.published()
+    assert (published.calibration, published.axes_checked) == (found.revision, is_checked)
+    assert not published.torques_checked
+    request = AxesRequest(calibration=found.revision, torques=True)
+    assert bench.ask(topics.AXES, request).accepted
+    bench.pass_s(0.1)
+    assert bench.published().torques_checked
+
+
+def test_a_simulated_cell_states_that_its_axes_are_right(bench: WrenchBench) -> None:
+    """No check is needed, whatever the calibration."""
+    assert bench.published().axes_checked
+    assert send_calibration(bench, demo_calibration()).accepted
+    bench.pass_s(0.1)
+    assert bench.published().axes_checked
+    assert bench.published().torques_checked

@@ -43,7 +43,7 @@ PARTS = {
     "bring-up": Part(f"{PYTEST} -m ladder tests/scenario/test_bringup_processes.py", 6),
     "axes": Part(f"{PYTEST} -n auto -m axes tests/scenario/test_force_axes.py", 15),
     "mutate": Part("python -m tests.mutate --count 24", 50),
-    "mutate-program": Part("python -m tests.mutate --program --count 80", 15),
+    "mutate-program": Part("python -m tests.mutate --program --count 80", 80),
     "hazards": Part("python -m tests.hazards --journal out/nightly/hazards.jsonl", 20),
     "chaos-sim": Part("python -m tests.chaos --cell sim --each 10", 32),
     "chaos-tcp": Part("python -m tests.chaos --cell tcp --each 10", 45),

@@ -29,6 +29,7 @@ from tests.mutate.reached import Reached
 HANGS = "a test that does not end"
 MOST_S = 15.0  # of tests on one mutant
 MOST_UNTIL_KILLED_S = 45.0  # of tests on a mutant that none of the first ones detects
+MOST_OF_PROGRAM_S = 900.0  # the same for the controller's program: all tests of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +172,9 @@ class Judge:
         if not killers and job.stage == 0 and in_python:
             # a table that is made at the import may hold the change
             self._fork(replace(job, stage=1, text=b""))
-        elif not killers and job.left and job.stage == 1:
-            tests, left = self._split(job.left, MOST_UNTIL_KILLED_S)
+        elif not killers and job.left and job.stage < 2:
+            most_s = MOST_UNTIL_KILLED_S if in_python else MOST_OF_PROGRAM_S
+            tests, left = self._split(job.left, most_s)
             self._fork(Job(job.mutant, tests, left, stage=2))
         else:
             verdict = Verdict(job.mutant.title, line_of(job.mutant), killers, len(job.left))

@@ -59,6 +59,6 @@ class Reached:
         """Return the tests that execute a mutant's line, or any of its module if no test does."""
         if mutant.module == PROGRAM.name:
             every = set().union(*self.lines("sim.controller.machine").values())
-            return {each for each in every if not each.startswith("tests/unit/sim/")}
+            return {each for each in every if each.startswith("tests/unit/controller/")}
         lines = self.lines(mutant.module)
         return lines.get(line_of(mutant)) or set().union(*lines.values())

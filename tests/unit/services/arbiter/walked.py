@@ -328,10 +328,11 @@ def key_of(product: Product) -> Key:
     commanders, stopping, freeing = core._commanders, core._stopping, core._freeing
     turn, pending = commanders.ownership, commanders.pending_move
     check = None if freeing is None else core._check
+    load = None if check is None else check._load
     motion = (
         core._armed_for,
         freeing and (freeing.blind, freeing.plan.kind),
-        check and (check._load.lowest_N, check._load.first_N),
+        load and (load.lowest_N, load.first_N),
         check and _over(check._since_ns, now_ns, LONGEST_BACK_OFF_S),
         commanders._regulator_rested,
         _over(core._lease_since_ns, now_ns, ROBOT_ANSWERS_WITHIN_S),

@@ -5,7 +5,6 @@ a file written by hand. SI units; payload in sensor axes, from the sensor's orig
 """
 
 import hashlib
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -82,7 +81,7 @@ class CalibrationSection(ConfigSection):
         self,
         arm: str,
         method: Literal["calibrate", "arm", "push"],
-        made_at: datetime,
+        made_at: AwareDatetime,
         *,
         torques: bool,
     ) -> "CalibrationSection":

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.config.load import load_cell
-from common.motion.arm_check import ARBITER_SLACK, ROBOT_SLACK, ArmCheck, Slack
+from common.motion.arm_check import ARBITER_SLACK, ROBOT_SLACK, ArmCheck, JointTrack, Slack
 from common.motion.convert import record_of
 from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
@@ -369,6 +369,33 @@ def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
 
 
 # --- joint speeds ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])
+def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old(
+    period_ms: int,
+) -> None:
+    """Also where it jumps at once; before there is such a sample no speed is known."""
+    back = -(-100 // period_ms)  # samples
+    for known in range(1, 3 * back):
+        track, stamp_ns = JointTrack(), 10**9
+        for number in range(known + 1):
+            stamp_ns = 10**9 + number * period_ms * 1_000_000
+            assert (track.speed_rad_s is not None) == (number > back)
+            track.add(stamp_ns, np.full(6, 0.5 + (number == known)))
+        speed = track.speed_rad_s
+        if known < back:
+            assert speed is None
+        else:
+            assert speed == pytest.approx(np.full(6, 1e3 / (back * period_ms)))
+
+
+def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
+    """Nor does an older one: time never goes back."""
+    track = JointTrack()
+    for stamp_ns, angle_rad in ((10**9, 0.0), (2 * 10**9, 1.0), (2 * 10**9, 9.0), (10**9 + 1, 9.0)):
+        track.add(stamp_ns, np.full(6, angle_rad))
+    assert track.speed_rad_s == pytest.approx(np.ones(6))
 
 
 @pytest.mark.parametrize(("slack", "share"), [(ARBITER_SLACK, 0.5), (ROBOT_SLACK, 1.1)])

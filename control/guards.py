@@ -24,7 +24,7 @@ from common.motion.frames import Vector, dot, plus, rotated, rotated_back
 from control.axis_task import masked
 from control.law import Contact, LawInput, LawMotion, motion_between
 from forcemesh.faults import tripped
-from forcemesh.messages import ZERO3, Trip, Vec3
+from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
@@ -169,6 +169,15 @@ def kept_over_restart(before: GuardState) -> GuardState:
     if not before.touched or (is_free and not before.began_free):
         return GuardState()
     return replace(before, p_search_m=None, swing=no_swing())
+
+
+def unchecked_axes(wrench: WrenchAtTcp, *, torques: bool = False) -> Trip | None:
+    """Return why force control may not use a sensor whose axes and signs are not checked."""
+    if wrench.axes_checked and (wrench.torques_checked or not torques):
+        return None
+    what, name = "torques" if wrench.axes_checked else "sensor", wrench.calibration or "none"
+    text = f"axes and signs of the {what} are not checked with calibration {name} and this arm"
+    return tripped("axes_unproved", text)
 
 
 def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:

@@ -189,6 +189,11 @@ def refused(why: Trip) -> Reply:
     )
 
 
+def input_trip(code: str, text: str) -> Trip:
+    """Return the fault of an input; a code that this version does not know is `invalid`."""
+    return tripped(code if code in FAULTS else "invalid", text)
+
+
 def clipped(text: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return a text cut between characters to at most `most_bytes` in UTF-8."""
     return text.encode()[:most_bytes].decode(errors="ignore")

@@ -159,7 +159,7 @@ def move_over_tcp_walk() -> Trace:
 
 
 def at_a_distance(file: str) -> VirtualCell:
-    """Return a cell whose plate is out of the way of a move."""
+    """Return a cell whose plate no move reaches."""
     return VirtualCell(load_cell(CELLS / file, {"sim.gap_m": 0.05}))
 
 

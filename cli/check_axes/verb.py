@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -26,10 +25,7 @@ from forcemesh.errors import DataError, RefusedError
 from forcemesh.requests import AxesRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from common.bus.configured_cell import ConfiguredCell
-    from common.config.calibration import CalibrationSection
     from common.config.cell import CellConfig
     from forcemesh.messages import WrenchAtTcp
     from identification.installation.terms import ExpectedInstallation, Installation
@@ -154,8 +150,6 @@ def report_axes(
     path: Path, cell: "ConfiguredCell", found: "Installation", method: Literal["arm", "push"]
 ) -> None:
     """Report to the cell that its axes are right; keep that in its calibration file."""
-    from common.config.calibration import CalibrationSection
-
     if found.verdict != "right":
         return
     wrench = cell.wrench.wait(REPORT_WITHIN_S).fresh
@@ -165,30 +159,29 @@ def report_axes(
     try:
         request = AxesRequest(calibration=wrench.calibration, torques=found.shows_torques)
         print_note(cell.ask(topics.AXES, request).text)
-        with_axes = partial(
-            CalibrationSection.with_axes,
-            arm=cell.config.robot.model,
-            method=method,
-            made_at=datetime.now(UTC).replace(microsecond=0),
-            torques=found.shows_torques,
-        )
-        print_note(_keep(path, wrench, with_axes))
+        print_note(_keep(path, cell, wrench, found, method=method))
     except (DataError, RefusedError) as error:
         print_note(f"warning: {error}")
 
 
 def _keep(
     path: Path,
+    cell: "ConfiguredCell",
     wrench: "WrenchAtTcp",
-    with_axes: "Callable[[CalibrationSection], CalibrationSection]",
+    found: "Installation",
+    *,
+    method: Literal["arm", "push"],
 ) -> str:
     """Add the result to the calibration file of a cell; return where, or why nowhere."""
     from common.config.calibration import CalibrationSection
     from common.config.load import CALIBRATION, load_cell, named_file
 
-    found, file = load_cell(path).calibration, named_file(path, CALIBRATION)
-    is_used = isinstance(found, CalibrationSection) and found.revision == wrench.calibration
-    if file is None or not isinstance(found, CalibrationSection) or not is_used:
+    used, file = load_cell(path).calibration, named_file(path, CALIBRATION)
+    if (
+        file is None
+        or not isinstance(used, CalibrationSection)
+        or used.revision != wrench.calibration
+    ):
         return (
             "warning: the result counts until the next start: the cell does not use the "
             "calibration of a file; name one in the cell file, then run `forcemesh calibrate`, "
@@ -196,7 +189,8 @@ def _keep(
         )
     if not wrench.calibrated:
         return f"warning: the result is not kept: {wrench.calibration_fault}"
-    with_axes(found).save(file)
+    arm, made_at = cell.config.robot.model, datetime.now(UTC).replace(microsecond=0)
+    used.with_axes(arm, method, made_at, torques=found.shows_torques).save(file)
     return f"kept in {file}"
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from common.runtime.overruns import MOST_OVERRUNS
 from forcemesh.bus import Reading
-from forcemesh.faults import FAULTS, tripped
+from forcemesh.faults import FAULTS, input_trip, tripped
 from forcemesh.messages import (
     Health,
     RegulatorTarget,
@@ -152,8 +152,8 @@ def fault_trips(inputs: Inputs) -> list[Trip]:
 
 
 def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:
-    code = reading.code if reading.code in FAULTS else "invalid"
-    return tripped("sensor_silent" if is_sensor and reading.silent else code, reading.fault)
+    code = "sensor_silent" if is_sensor and reading.silent else reading.code
+    return input_trip(code, reading.fault)
 
 
 def writers(inputs: Inputs) -> Writers:

@@ -16,6 +16,7 @@ from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.limits import Limits, check_workspace, check_wrench
+from control.guards import unchecked_axes
 from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
@@ -154,13 +155,9 @@ def _calibration(context: PreflightContext) -> list[Trip]:
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
-def _axes(context: PreflightContext) -> list[Trip]:
+def _axes(context: PreflightContext) -> list[Trip | None]:
     wrench = context.inputs.wrench.fresh
-    if wrench is None or wrench.axes_checked:
-        return []
-    name = wrench.calibration or "none"
-    text = f"axes and signs of the sensor are not checked with calibration {name} and this arm"
-    return [tripped("axes_unproved", text)]
+    return [] if wrench is None else [unchecked_axes(wrench)]
 
 
 def contact_trips(cell: CellConfig) -> Iterator[Trip]:

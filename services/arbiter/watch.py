@@ -8,6 +8,7 @@ from math import dist, hypot, sin
 from common.config.cell import CellConfig
 from common.motion.unexplained import REST_POSITION_M, REST_TURN_RAD
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
+from control.guards import unchecked_axes
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
@@ -174,9 +175,8 @@ class FeedbackWatch:
             if not wrench.calibrated:
                 text = wrench.calibration_fault or "the wrench is not calibrated"
                 return tripped("calibration", text)
-            if not wrench.axes_checked:
-                text = "axes and signs of the sensor are not checked with it"
-                return tripped("calibration", text)
+            if (unchecked := unchecked_axes(wrench)) is not None:
+                return tripped("calibration", unchecked.text)
             if calibration != self._calibration:
                 now, before = map(_named, (calibration, self._calibration))
                 text = f"the calibration became {now}, it was {before} when force feedback began"

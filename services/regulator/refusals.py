@@ -10,7 +10,6 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from common.motion.permission import outranks
-from control.axis_task import AxisTask
 from control.gain_rule import instability
 from control.laws import LAWS
 from control.pose_path import PosePath
@@ -18,7 +17,7 @@ from control.tcp_path import MOST_PATH_POINTS, TcpPath
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
 from forcemesh.force_task import AXIS_NAMES
-from forcemesh.messages import ArbiterStatus, Gains, Trip, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus, Gains, Trip
 from forcemesh.requests import (
     LARGEST_BETWEEN_RAD,
     ForceStartRequest,
@@ -74,19 +73,6 @@ def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Trip | Non
         text = f"the {commander} commands the arm: wait for the move to end, or hold"
         return tripped("busy", text)
     return tripped(worse.code, worse.fault) if worse.fault else None
-
-
-def refused_sensor(wrench: WrenchAtTcp, task: AxisTask) -> Trip | None:
-    """Return why a task may not use the sensor, None when it may.
-
-    Its force was checked when the arm was armed; another calibration may be in use since.
-    """
-    about = any(task.turns) or any(each is not None for each in task.swings)
-    if wrench.axes_checked and (wrench.torques_checked or not about):
-        return None
-    what, name = "torques" if wrench.axes_checked else "sensor", wrench.calibration or "none"
-    text = f"axes and signs of the {what} are not checked with calibration {name} and this arm"
-    return tripped("axes_unproved", text)
 
 
 def refused_owner(session: ForceSession | None, asker: ForceOwner) -> Trip | None:

@@ -28,6 +28,7 @@ from control.guards import (
     GuardSettings,
     GuardState,
     no_swing,
+    unchecked_axes,
     watch,
 )
 from control.law import LawInput, back_calculate, start_at
@@ -54,7 +55,6 @@ from services.regulator.refusals import (
     refused_gains,
     refused_owner,
     refused_path,
-    refused_sensor,
     refused_start,
 )
 from services.regulator.session import (
@@ -70,7 +70,7 @@ from services.regulator.session import (
     valid_target,
 )
 from services.regulator.task_refusals import refused_task
-from services.regulator.task_request import first_setpoint, request_task
+from services.regulator.task_request import first_setpoint, request_task, task_mode
 
 OwnedRequest = TypeVar("OwnedRequest", ForceStartRequest, GainsRequest, PathRequest)
 
@@ -328,7 +328,7 @@ class Regulator:
         requested = request.law or cell.force.law
         goal = request_task(request, T_measured, cell, mounting_rad=fresh.mounting_rotation_rad)
         trip = (
-            refused_sensor(fresh, goal)
+            unchecked_axes(fresh, torques=task_mode(goal) != "position")
             or refused_task(request, cell, goal.R_base_task(T_measured.rotation.tolist()))
             or refused_axes(request, T_measured.rotation)
         )

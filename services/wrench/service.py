@@ -12,7 +12,7 @@ from forcemesh import topics
 from forcemesh.bus import LONGEST_FAULT, Bus, Inbox, Origin, Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
-from forcemesh.faults import FAULTS, clipped, tripped
+from forcemesh.faults import clipped, input_trip, tripped
 from forcemesh.messages import ZERO3, RobotState, SensorWrench, Trip, WrenchAtTcp
 from forcemesh.requests import Reply
 from services.wrench.calibration_manager import CalibrationManager, RequestContext
@@ -211,8 +211,3 @@ def sensor_fault(sensor: Reading[SensorWrench]) -> Trip:
         reason = f": {sample.reason}" if sample.reason else ""
         return tripped(code, clipped(f"the sensor reports {sample.status}{reason}", LONGEST_FAULT))
     return input_trip("sensor_fault" if sensor.code == "invalid" else sensor.code, sensor.fault)
-
-
-def input_trip(code: str, text: str) -> Trip:
-    """Return the fault of an input; a code that this version does not know is `invalid`."""
-    return tripped(code if code in FAULTS else "invalid", text)

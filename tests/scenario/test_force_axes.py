@@ -156,8 +156,11 @@ class AxesRig:
         return float(np.abs(np.array([*moved, *turned])[held]).max(initial=0.0))
 
     def bump(self) -> float:
-        """Change to another frame with the present loads; return the largest change of a load."""
-        wrench = self.lab.now(self.lab.wrench)
+        """Change to another frame with the mean loads; return the largest change of a load.
+
+        A compliant axis moves within its deadband: one sample is off the mean by up to that.
+        """
+        loads, R_task = self.means(MEAN_S)[0], frame_axes(self.task, self.T_start, self.cell)
         frame = "base" if self.row[2] == "tool" or self.row[0] == "controller" else "tool"
         T = self.lab.cell.arm.T_base_tcp
         R = np.eye(3) if frame == "base" else T.rotation
@@ -165,8 +168,8 @@ class AxesRig:
             any(axis.control == "force" for axis in half)
             for half in (self.task.axes[:3], self.task.axes[3:])
         )
-        forces = [f"force:{-load:.6f}" for load in R.T @ np.array(wrench.force_N)]
-        torques = [f"torque:{-load:.6f}" for load in R.T @ np.array(wrench.torque_Nm)]
+        forces = [f"force:{load:.6f}" for load in R.T @ R_task @ loads[:3]]
+        torques = [f"torque:{load:.6f}" for load in R.T @ R_task @ loads[3:]]
         kinds = (*(forces if moves else ["held"] * 3), *(torques if turns else ["held"] * 3))
         if not (moves or turns):
             return 0.0

@@ -61,6 +61,7 @@ def verdict(tracking: TrackingMonitor, T: pin.SE3, q: tuple[float, ...] = HOME) 
     [
         (0.0, 0.0, 0.0, ""),
         (0.1, 0.009, 0.0, ""),
+        (0.17, 0.0, 0.0, ""),
         (0.2, 0.0, 0.0, ""),
         (0.1, 0.011, 0.0, "tracking"),
         (-0.011, 0.0, 0.0, "tracking"),

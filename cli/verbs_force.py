@@ -45,8 +45,7 @@ LawOption = Annotated[
     Option(
         callback=known_law,
         metavar="LAW",
-        help="Control law: plain, adaptive, admittance (hand guiding) or an added one; default: "
-        "the cell file's.",
+        help="Control law: plain, adaptive or an added one; default: the cell file's.",
     ),
 ]
 PresetOption = Annotated[
@@ -102,7 +101,7 @@ def force_start(
         str,
         Option(
             help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz. Or the "
-            'control of each axis: "z=force:15 rx=torque:0 x=admittance,mass=10,stiffness=500"; '
+            'control of each axis: "z=force:15 rx=torque:0 x=compliant,mass=10,stiffness=500"; '
             "the others are held."
         ),
     ] = ",".join(AXIS_NAMES),

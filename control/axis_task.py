@@ -26,7 +26,7 @@ CELLS: Limits = (None, None, None)
 class VirtualMass:
     """Virtual mass, damper and spring of one axis: kg, N s/m, N/m, or kg m2, N m s/rad, N m/rad."""
 
-    mass: float | None = None  # None: that of hand guiding
+    mass: float | None = None  # None: the least
     damping: float | None = None  # None: scheduled on the stiffness of the contact
     stiffness: float = 0.0
 
@@ -54,6 +54,13 @@ class AxisTask:
     def complies(self) -> bool:
         """Whether an axis follows a virtual mass."""
         return any(each is not None for each in (*self.shifts, *self.swings))
+
+    @property
+    def held(self) -> tuple[Flags, Flags]:
+        """Axes along and about which neither a set point nor compliance moves the tool."""
+        x, y, z = [not a and b is None for a, b in zip(self.yields, self.shifts, strict=True)]
+        rx, ry, rz = [not a and b is None for a, b in zip(self.turns, self.swings, strict=True)]
+        return (x, y, z), (rx, ry, rz)
 
     @property
     def press_N(self) -> float:

@@ -1,21 +1,29 @@
-"""Compliance of single axes of a task frame, with force control along the others. Pure.
+"""Compliant axes of a task frame, beside force control along the others. Pure.
 
 Along each compliant axis a virtual mass, damper and spring respond to the force (N. Hogan,
-Impedance control, 1985):
+Impedance control, 1985), with F' the force beyond a deadband and x the deviation from the
+reference:
 
     M dv/dt = F' - D v - K x,    D >= (k + K) tau / 0.45
 
-x is the deviation from the reference. Mass and damping are at least those of hand guiding
-(`admittance.py`), which are stable on a contact of stiffness k behind the loop delay. About an
-axis, the damping is at least the inverse of the torque integral gain.
+Six of them without a spring are hand guiding. M is larger than the tool's own mass, so the tool's
+inertial force in the sensor's reading cannot drive it. D follows the gain rule for a contact of
+stiffness k behind the loop delay. k starts at the stiffness of a hand's grip. It rises at once when
+the force grows against the travel (a contact stiffer than a hand), and decays while a force moves
+the tool along. The deadband at rest equals the residual that the preflight allows in free space, so
+the tool does not drift. It narrows with the speed, but never so far that a force within it could
+keep the tool moving. About an axis, the damping is at least the inverse of the torque integral
+gain.
 """
 
 from dataclasses import dataclass, field
+from math import exp, hypot
 from typing import Self
 
 import pinocchio as pin
 
 from common.config.cell import CellConfig
+from common.config.plant import Delays
 from common.motion.frames import (
     Speeds,
     Vector,
@@ -28,19 +36,22 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from control.admittance import (
-    MASSES,
-    AdmittanceSettings,
-    AdmittanceState,
-    virtual_speed,
-    virtual_step,
-)
-from control.admittance import begin as begin_guiding
 from control.axis_task import AxisTask, VirtualMass, clipped
+from control.delay_model import LoopDelayModel
+from control.gain_rule import LOOP_GAIN
 from control.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
 from forcemesh.messages import ZERO3, AxisState, Vec3
 from forcemesh.requests import ForceTask
 
+HAND_N_M = 1500.0  # largest stiffness of a hand's grip
+MASSES = 4.0  # M relative to the mass in front of the sensor
+NARROWS = 0.5  # of D v: below one, so that a force within the deadband comes to rest
+NARROWEST = 0.25  # of the deadband at rest
+TORQUE_DEADBAND = 0.5  # of the residual torque allowed in free space
+RECENT_S = 0.01  # time constant of the means from which the stiffness is computed
+LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
+STIFFER_THAN_CONTACT = 1.1
+RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
 AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
@@ -49,34 +60,52 @@ LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 class ComplianceSettings:
     """Constants of compliance for one cell."""
 
-    guiding: AdmittanceSettings
+    deadband_N: float  # within it a tool at rest does not drift
+    deadband_Nm: float
+    tau_s: float
+    mass_kg: float
     inertia_kg_m2: float
+    wrench_filter: Delays  # from the measured pose to the filtered force
+    stiffest_N_m: float
+    speed_max_m_s: float
     speed_max_rad_s: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "ComplianceSettings":
         """Return the constants of a cell."""
-        inertia_kg_m2 = MASSES * cell.plant.inertia_kg_m2
-        return cls(AdmittanceSettings.of(cell), inertia_kg_m2, cell.force.speed_max_rad_s)
+        force, plant = cell.force, cell.plant
+        return cls(
+            deadband_N=max(force.idle_max_N, force.deadband_N),
+            deadband_Nm=max(TORQUE_DEADBAND * force.idle_max_Nm, force.deadband_Nm),
+            tau_s=plant.tau_s,
+            mass_kg=MASSES * plant.inertia_kg,
+            inertia_kg_m2=MASSES * plant.inertia_kg_m2,
+            wrench_filter=plant.wrench,
+            stiffest_N_m=max(STIFFER_THAN_CONTACT * plant.stiffness_N_m, HAND_N_M),
+            speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
+            speed_max_rad_s=force.speed_max_rad_s,
+        )
 
 
 @dataclass(slots=True)
 class ComplianceState:
-    """Reference and virtual speeds; advanced in place."""
+    """Reference, virtual speeds and estimated stiffness; advanced in place. Task axes."""
 
     axes: tuple[object, ...]  # those that refer to the reference, with their deviations
     T_reference: pin.SE3  # of the TCP in base; a path moves it
-    shifting: AdmittanceState
-    speed_rad_s: Vector = ZERO3  # about the axes of the task frame
+    T_measured: pin.SE3  # of the TCP
+    measured: LoopDelayModel = field(default_factory=lambda: LoopDelayModel(ZERO3))  # base axes
+    k_N_m: list[float] = field(default_factory=lambda: [HAND_N_M] * 3)
+    recent_m: list[float] = field(default_factory=lambda: [0.0] * 3)  # low-passed travel and force
+    recent_N: list[float] = field(default_factory=lambda: [0.0] * 3)
+    speed_m_s: Vector = ZERO3
+    speed_rad_s: Vector = ZERO3
     at_limit: list[bool] = field(default_factory=lambda: [False] * 6)
 
     @classmethod
-    def at(
-        cls, task: AxisTask, T_base_tcp: pin.SE3, T_measured: pin.SE3, settings: ComplianceSettings
-    ) -> Self:
-        """Return the state of a tool at rest at its reference."""
-        shifting = begin_guiding(T_base_tcp, T_measured, None, settings.guiding)
-        return cls(referring(task), T_base_tcp.copy(), shifting)
+    def at(cls, task: AxisTask, T_base_tcp: pin.SE3, T_measured: pin.SE3) -> Self:
+        """Return the state of a tool at rest at its reference, in free space."""
+        return cls(referring(task), T_base_tcp.copy(), T_measured.copy())
 
     def covers(self, task: AxisTask) -> bool:
         """Return whether the reference stays for a changed task: the same axes refer to it."""
@@ -110,7 +139,7 @@ def comply(
     if task.complies:
         shift_m, turn_rad = _compliant_steps(state, sample, settings)
         moved_m, turned_rad = speeds_between(before, T, 1.0)
-        most_m = settings.guiding.plain.speed_max_m_s * sample.dt_s
+        most_m = settings.speed_max_m_s * sample.dt_s
         turn_rad = limit_norm(plus(turned_rad, turn_rad), settings.speed_max_rad_s * sample.dt_s)
         shift_m = limit_norm(plus(moved_m, shift_m), most_m)
         if task.origin_m is not None:  # what force control turned is on its arc already
@@ -151,28 +180,56 @@ def _compliant_steps(
     state: ComplianceState, sample: LawInput, settings: ComplianceSettings
 ) -> tuple[Vec3, Vec3]:
     """Return shift [m] and rotation [rad] of the compliant axes in this period, base axes."""
-    task, dt_s, R = sample.task, sample.dt_s, sample.R_base_task
+    (most_m_s, most_rad_s), dt_s, R = sample.task.speeds, sample.dt_s, sample.R_base_task
     away_m, away_rad = state.deviation(sample.motion.T_base_tcp, sample)
-    speed_m_s = virtual_speed(
-        state.shifting, sample, settings.guiding, masses=task.shifts, deviation_m=away_m
-    )
-    state.shifting.speed_m_s = clipped(speed_m_s, task.speeds[0])
-    shift_m = rotated(R, scaled(state.shifting.speed_m_s, dt_s))
-    state.speed_rad_s = clipped(_swing_speeds(state, sample, settings, away_rad), task.speeds[1])
-    return shift_m, rotated(R, scaled(state.speed_rad_s, dt_s))
+    state.speed_m_s = clipped(_speeds_along(state, sample, settings, away_m), most_m_s)
+    state.speed_rad_s = clipped(_speeds_about(state, sample, settings, away_rad), most_rad_s)
+    return rotated(R, scaled(state.speed_m_s, dt_s)), rotated(R, scaled(state.speed_rad_s, dt_s))
 
 
-def _swing_speeds(
+def _speeds_along(
+    state: ComplianceState, sample: LawInput, settings: ComplianceSettings, away_m: Vec3
+) -> Vec3:
+    """Return the speeds along the compliant axes, task axes [m/s]. Shape (3,)."""
+    task, rest_N = sample.task, settings.deadband_N
+    force_N = rotated_back(sample.R_base_task, sample.force_N)
+    _update_stiffness(state, sample, force_N, settings)
+    rule_s = settings.tau_s / (LOOP_GAIN * sample.gain_share)  # damping over stiffness
+    used = [each or VirtualMass() for each in task.shifts]
+    damping_Ns_m = [
+        max(rule_s * (k + each.stiffness), each.damping or 0.0)
+        for k, each in zip(state.k_N_m, used, strict=True)
+    ]
+    drag_N = product(damping_Ns_m, state.speed_m_s)
+    width_N = max(rest_N - NARROWS * hypot(*drag_N), NARROWEST * rest_N)
+    complies = [each is not None for each in task.shifts]
+    # A deadband that widens as the tool comes to rest would let a spring pull it back into motion.
+    x, y, z = [
+        rest_N if own is None and each.stiffness > 0.0 else own
+        for own, each in zip(task.deadbands[0], used, strict=True)
+    ]
+    push_N = task_deadband(product(force_N, complies), width_N, 0.0, (x, y, z))
+    loads = zip(state.speed_m_s, push_N, damping_Ns_m, used, away_m, strict=True)
+    speeds = [
+        virtual_step(
+            v, F, damping=D, virtual=each, least_mass=settings.mass_kg, deviation=x,
+            dt_s=sample.dt_s,
+        )
+        for v, F, D, each, x in loads
+    ]  # fmt: skip
+    return limit_norm(product(speeds, complies), settings.speed_max_m_s)
+
+
+def _speeds_about(
     state: ComplianceState, sample: LawInput, settings: ComplianceSettings, away_rad: Vec3
-) -> Vector:
-    """Return the angular speeds of the compliant axes, task axes [rad/s]. Shape (3,)."""
+) -> Vec3:
+    """Return the angular speeds about the compliant axes, task axes [rad/s]. Shape (3,)."""
     task, gains = sample.task, sample.gains.torque_i_rad_per_Nms
     if not any(task.swings):
         return ZERO3
     complies = [each is not None for each in task.swings]
     torque_Nm = product(rotated_back(sample.R_base_task, sample.task_torque_Nm()), complies)
-    width_Nm = settings.guiding.plain.deadband_Nm
-    load_Nm = task_deadband(torque_Nm, width_Nm, 0.0, task.deadbands[1])
+    load_Nm = task_deadband(torque_Nm, settings.deadband_Nm, 0.0, task.deadbands[1])
     least = 1.0 / max(min(gains), LEAST_GAIN)
     used = [each or VirtualMass() for each in task.swings]
     loads = zip(state.speed_rad_s, load_Nm, used, away_rad, strict=True)
@@ -184,6 +241,54 @@ def _swing_speeds(
         for w, M, each, angle in loads
     ]  # fmt: skip
     return product(speeds, complies)
+
+
+def virtual_step(
+    speed: float,
+    load: float,
+    *,
+    damping: float,
+    virtual: VirtualMass,
+    least_mass: float,
+    deviation: float,
+    dt_s: float,
+) -> float:
+    """Return the speed of a virtual mass after a period, by the implicit Euler method.
+
+    M dv/dt = F - D v - K x. Units of one axis: N, m and kg, or N m, rad and kg m2.
+    """
+    K = virtual.stiffness
+    share = dt_s / max(virtual.mass or 0.0, least_mass)
+    pushed = speed + share * (load - K * deviation)
+    return pushed / (1.0 + share * damping + share * dt_s * K)
+
+
+def _update_stiffness(
+    state: ComplianceState, sample: LawInput, force_N: Vec3, settings: ComplianceSettings
+) -> None:
+    """Update the stiffness estimate by this sample; the force is along the task's axes.
+
+    Unlike the adaptive law's, which is an upper bound that falls as data permit, it begins soft
+    and must rise within some samples of a touch.
+    """
+    dt_s, T, model = sample.dt_s, sample.T_measured, state.measured
+    moved_m: Vec3 = (T.translation - state.T_measured.translation).tolist()
+    model.follow(plus(model.command, moved_m), dt_s, settings.wrench_filter)
+    travel_m = rotated_back(sample.R_base_task, model.filtered)
+    state.T_measured = T
+    share = 1.0 - exp(-dt_s / RECENT_S)
+    for axis in range(3):
+        k_N_m, force, speed_m_s = state.k_N_m[axis], force_N[axis], state.speed_m_s[axis]
+        d_m, d_N = travel_m[axis] - state.recent_m[axis], force - state.recent_N[axis]
+        if force * speed_m_s > 0.0:
+            decay = exp(-abs(speed_m_s) * dt_s / RELAX_M - dt_s / RELAX_S)
+            k_N_m = HAND_N_M + decay * (k_N_m - HAND_N_M)
+        if d_m * d_N < 0.0 and abs(d_m) > LEAST_M and abs(d_N) > LEAST_N:
+            slope_N_m = STIFFER_THAN_CONTACT * abs(d_N / d_m)
+            k_N_m = max(k_N_m, min(slope_N_m, settings.stiffest_N_m))
+        state.k_N_m[axis] = k_N_m
+        state.recent_m[axis] += share * d_m
+        state.recent_N[axis] += share * d_N
 
 
 def _within_deviations(state: ComplianceState, sample: LawInput, T_base_tcp: pin.SE3) -> pin.SE3:

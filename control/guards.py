@@ -122,7 +122,7 @@ class GuardSample:
     def of(cls, sample: LawInput, law: LawMotion) -> "GuardSample":
         """Return the monitors' view of one sample; only a press has an approach.
 
-        The errors are those along the free axes, the only ones that the loop controls. The pose
+        The errors are those of axes that are not held, the only ones that the loop moves. The pose
         is the measured one: a command in flight has changed no force yet.
 
         Args:
@@ -130,8 +130,9 @@ class GuardSample:
             law: Motion that the law has returned.
         """
         task = sample.task
-        error_N = masked(law.error_force_N or ZERO3, task.yields, sample.R_base_task)
-        error_Nm = masked(law.error_torque_Nm or ZERO3, task.turns, sample.R_base_task)
+        moved, turned = [(not x, not y, not z) for x, y, z in task.held]
+        error_N = masked(law.error_force_N or ZERO3, moved, sample.R_base_task)
+        error_Nm = masked(law.error_torque_Nm or ZERO3, turned, sample.R_base_task)
         contact, presses = law.contact if sample.moves else "free", task.press_N > 0.0
         R_base_tcp = sample.T_measured.rotation.tolist()
         press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)

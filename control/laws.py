@@ -14,9 +14,8 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Rows, Vector
-from control import adaptive, admittance
+from control import adaptive
 from control.adaptive import AdaptiveSettings, ContactStiffness
-from control.admittance import AdmittanceSettings
 from control.gains import PiGains
 from control.law import LawInput, LawMotion, LawSettings, next_motion
 from control.measured_range import restriction, softest_N_m
@@ -32,7 +31,6 @@ class Law:
     # Of a tool at rest: commanded pose, measured pose, stiffness identified here before, settings.
     begin: Callable[[pin.SE3, pin.SE3, Vector | None, Any], Any]
     step: Callable[[Any, LawInput, Any], tuple[Any, LawMotion]]
-    guides: bool = False  # a hand guides the tool: on the PC, at set point 0
     predicts: bool = False  # from its own commands: it takes other motion for that of the contact
     # Whether the law may run in a cell; otherwise the plain law does. The remark is for the reply.
     covers: Callable[[CellConfig], bool] = lambda _: True
@@ -59,13 +57,11 @@ LAWS: dict[str, Law] = {
         identified=adaptive.identified,
         controller_gain=adaptive.controller_gain,
     ),
-    "admittance": Law(AdmittanceSettings.of, admittance.begin, admittance.step, guides=True),
 }
 
 
 def refuse_unknown_law(cell: CellConfig, source: str) -> None:
-    """Raise ConfigError with the source unless the cell's law exists and presses."""
-    pressing = [name for name, law in LAWS.items() if not law.guides]
-    if cell.force.law not in pressing:
-        mistake = f"force.law: must be {' or '.join(pressing)}, found {cell.force.law!r}"
+    """Raise ConfigError with the source unless the cell's law exists."""
+    if cell.force.law not in LAWS:
+        mistake = f"force.law: must be {' or '.join(LAWS)}, found {cell.force.law!r}"
         raise ConfigError(source, [mistake])

@@ -1,7 +1,7 @@
 """Path of poses, followed in three dimensions while force feedback acts. Pure.
 
-The command is the reference on the curve plus an offset. Along the axes that force control or an
-admittance moves, the offset is theirs: it turns with the task frame, so what was corrected on one
+The command is the reference on the curve plus an offset. Along the axes that force control or
+compliance moves, the offset is theirs: it turns with the task frame, so what was corrected on one
 side of a workpiece is not left aside on the next. Along the others it is a deviation, which is
 removed. The shape of the path is fed forward also along the force, except under a law with a
 predictor: that one takes motion which is not its own for the surface's, and foresees it itself.
@@ -79,7 +79,7 @@ class PosePath:
         touches = motion.contact == "contact"
         if path.in_contact and not touches:
             return replace(path, curve=replace(curve, now_m_s=0.0)), T, REST
-        before, held = curve.T_reference, _held(task)
+        before, held = curve.T_reference, task.held
         height_m = dot(sample.press_axis, vec3(before.translation - T.translation))
         if touches:
             path = replace(path, height_m=height_m)
@@ -131,7 +131,7 @@ def path_start(T_base_tcp: pin.SE3, T_first: pin.SE3, task: AxisTask) -> pin.SE3
     """
     R_base_task = task.R_base_task(T_first.rotation.tolist())
     away_m = vec3(T_base_tcp.translation - T_first.translation)
-    aside_m = masked(away_m, _held(task)[0], R_base_task)
+    aside_m = masked(away_m, task.held[0], R_base_task)
     return pin.SE3(T_base_tcp.rotation, T_first.translation + np.array(aside_m))
 
 
@@ -153,10 +153,3 @@ def _is_behind(T_reference: pin.SE3, sample: LawInput, held: tuple[Flags, Flags]
     behind_m = masked(away_m, held[0], sample.R_base_task)
     behind_rad = masked(away_rad, held[1], sample.R_base_task)
     return hypot(*behind_m) > BEHIND_M or hypot(*behind_rad) > BEHIND_RAD
-
-
-def _held(task: AxisTask) -> tuple[Flags, Flags]:
-    """Return the axes along and about which neither force control nor an admittance moves."""
-    x, y, z = [not a and b is None for a, b in zip(task.yields, task.shifts, strict=True)]
-    rx, ry, rz = [not a and b is None for a, b in zip(task.turns, task.swings, strict=True)]
-    return (x, y, z), (rx, ry, rz)

@@ -17,7 +17,7 @@ EVERY_M = 0.01  # distance between recorded positions
 def record_guiding(cell: Cell, seconds: float) -> list[PoseRecord]:
     """Run hand guiding for a time; return the recorded poses of the flange."""
     places = [here(cell)]
-    cell.force.start(law="admittance")
+    cell.force.guide()
     try:
         for _ in cell.state.stream(seconds=seconds):
             if not cell.status().operational:

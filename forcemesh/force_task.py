@@ -1,4 +1,4 @@
-"""Force tasks as text: `z=force:15 rx=torque:0 x=admittance,mass=10,stiffness=500`. Pure.
+"""Force tasks as text: `z=force:15 rx=torque:0 x=compliant,mass=10,stiffness=500`. Pure.
 
 Lengths and angles are in mm and degrees, as everywhere on the command line; loads are in N and N m.
 Axes that are not named are held.
@@ -8,12 +8,17 @@ from collections.abc import Iterable
 from math import degrees, isfinite, radians
 
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import PoseRecord, TaskFrame
+from forcemesh.messages import Mode, PoseRecord, TaskFrame
 from forcemesh.requests import HELD, ForceTask, TaskAxis
 
 AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")
-CONTROLS = ("held", "force", "torque", "admittance", "free")
+CONTROLS = ("held", "force", "torque", "compliant")
 EXAMPLE = "z=force:15 rx=torque:0"
+GUIDED: dict[Mode, str] = {  # axes of hand guiding, by what a hand may move
+    "position": "x=compliant y=compliant z=compliant",
+    "orientation": "rx=compliant ry=compliant rz=compliant",
+    "both": " ".join(f"{name}=compliant" for name in AXIS_NAMES),
+}
 COUNTS = {  # option of an axis: field of TaskAxis, and its size in SI along and about an axis
     "deadband": ("deadband", 1.0, 1.0),
     "speed": ("speed_max", 1e-3, radians(1.0)),
@@ -70,8 +75,8 @@ def _axis(name: str, text: str) -> TaskAxis:
         key, _, value = option.partition("=")
         if key not in COUNTS:
             raise ForcemeshError(f"axis {name}: option {key!r} must be one of {_listed(COUNTS)}")
-        if key in OF_COMPLIANCE and control not in ("admittance", "free"):
-            raise ForcemeshError(f"axis {name}: {key} needs control admittance or free")
+        if key in OF_COMPLIANCE and control != "compliant":
+            raise ForcemeshError(f"axis {name}: {key} needs control compliant")
         field, along, about = COUNTS[key]
         fields[field] = _number(name, key, value) * (about if turns else along)
     return TaskAxis.from_dict({"control": "force" if control == "torque" else control, **fields})

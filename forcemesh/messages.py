@@ -38,14 +38,14 @@ Numbers = Annotated[dict[str, Finite], Meta(max_length=MAX_ITEMS)]
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
 Law = Annotated[str, Meta(pattern=LAW_NAME + NO_BREAK)]  # the regulator refuses one that it lacks
-LAWS_THAT_SHIP = ("plain", "adaptive", "admittance")  # admittance: hand guiding
+LAWS_THAT_SHIP = ("plain", "adaptive")
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # clients that may request motion
 ArmPurpose = Literal["all", "jog"]  # purpose of arming
 Purpose = Literal["all", "jog", "back_off"]  # the same, plus the arbiter's back-off
 
-AxisControl = Literal["held", "force", "admittance", "free"]  # of one axis of a task frame
+AxisControl = Literal["held", "force", "compliant"]  # of one axis of a task frame
 TaskFrame = Literal["base", "tool", "sensor", "pose", "path"]
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)

@@ -2,8 +2,8 @@
 
 Version 1: an address is the key alone. Version 2: it names the cell too. Version 3: `robot/state`
 has a status for any robot, its hold as a whole `Trip` and one angle per joint; `ownership` was
-`turn`; the law of hand guiding is `admittance`, it was `guide`. A robot state and a permission of
-before the challenge get one.
+`turn`. A robot state and a permission of before the challenge get one; compliant axes of a target
+were `admittance` or `free`.
 """
 
 from collections.abc import Callable
@@ -59,6 +59,8 @@ def _upgraded(fields: Fields, key: str) -> Fields:
     upgrade = UPGRADES.get(key)
     if upgrade is not None and fields.get("v") != SCHEMA_VERSION:
         fields = fields | upgrade(fields)
+    if key == "regulator/target":
+        return fields | _regulator_target(fields)
     if key == "robot/state":
         return {"challenge": OLD_CHALLENGE} | fields
     if key == "robot/command" and isinstance(permission := fields.get("permission"), dict):
@@ -92,7 +94,13 @@ def _robot_command(fields: Fields) -> Fields:
 
 
 def _regulator_target(fields: Fields) -> Fields:
-    return {"law": "admittance"} if fields.get("law") == "guide" else {}
+    axes = fields.get("axes")
+    return {"axes": [*map(_axis, axes)]} if isinstance(axes, list | tuple) else {}
+
+
+def _axis(part: Any) -> Any:
+    is_old = isinstance(part, dict) and part.get("control") in ("admittance", "free")
+    return part | {"control": "compliant"} if is_old else part
 
 
 def _owned(part: Any) -> Any:
@@ -103,5 +111,4 @@ UPGRADES: dict[str, Callable[[Fields], Fields]] = {
     "robot/state": _robot_state,
     "robot/command": _robot_command,
     "arbiter/status": _owned,
-    "regulator/target": _regulator_target,
 }

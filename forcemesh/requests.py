@@ -99,7 +99,7 @@ HELD = TaskAxis()
 class ForceTask(Record):
     """Force control along and about each axis of a task frame.
 
-    A set point is the force or torque of the tool on its environment. An admittance is a virtual
+    A set point is the force or torque of the tool on its environment. A compliant axis is a virtual
     mass, damper and spring about the pose at the start, which a path moves.
     """
 
@@ -118,7 +118,7 @@ class ForceStartRequest(Record):
     task: ForceTask | None = None  # in place of mode, set point, axes and frame
     host: Host = "pc"
     setpoint_N: Annotated[float, Meta(ge=0.0, le=LARGEST_SETPOINT_N)] = 0.0
-    law: Law | None = None  # default: that of the cell file; admittance: hand guiding
+    law: Law | None = None  # default: that of the cell file
     preset: Preset | None = None  # initial gains; default: those set last
     # Free axes: along and about x, y, z of the task frame, which is fixed to base or tool.
     axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)

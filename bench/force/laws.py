@@ -17,7 +17,8 @@ from bench.harness import grid
 from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
-from control.axis_task import AxisTask, mode_task
+from control.axis_task import NONE, AxisTask, VirtualMass, mode_task
+from control.compliance import ComplianceSettings, ComplianceState, comply
 from control.gain_rule import rule_gain, tune
 from control.gains import PiGains
 from control.law import LawInput, LawMotion, back_calculate, start_at
@@ -30,7 +31,7 @@ PEER_TIME_S = 0.01  # second parameter of both peers, where they are not tuned
 ADAPTIVE, SAFE, TUNED, GUIDED = (
     "adaptive", "plain, safe at 2e5 N/m", "plain, known k", "hand guiding"
 )  # fmt: skip
-OF_REGULATOR = {ADAPTIVE: "adaptive", SAFE: "plain", TUNED: "plain", GUIDED: "admittance"}
+OF_REGULATOR = {ADAPTIVE: "adaptive", SAFE: "plain", TUNED: "plain", GUIDED: "plain"}
 PEERS = {"admittance, known k": "admittance", "FDCC-like, known k": "FDCC-like"}
 LOOPS_HZ = (250.0, 60.0, 30.0)
 KNOWN_K = (ADAPTIVE, TUNED, *PEERS)  # all but the adaptive one know the stiffness of the plate
@@ -77,11 +78,35 @@ class LawRunner:
         if sample.limited:
             motion = back_calculate(motion, sample.T_let_through)
         given = law_input(sample, task or self.task(), self._gains, motion)
-        self.state, motion = self._law.step(self.state, given, self.settings)
+        motion = self.move(given)
         T, travel_m = motion.T_base_tcp, self.across_m_s * sample.dt_s
         across_m = travel_m - (travel_m @ T.rotation[:, 2]) * T.rotation[:, 2]
         self.motion = replace(motion, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))
         return self.motion.T_base_tcp
+
+    def move(self, given: LawInput) -> LawMotion:
+        """Advance the law by one period; return its motion."""
+        self.state, motion = self._law.step(self.state, given, self.settings)
+        return motion
+
+
+class GuidingRunner(LawRunner):
+    """Hand guiding: three compliant axes, as the regulator runs them."""
+
+    def __init__(self, rig: ForceRig) -> None:
+        """Start at rest; of the law nothing moves the tool."""
+        super().__init__(rig, "plain")
+        T = rig.T_base_tcp
+        self._settings = ComplianceSettings.of(rig.cell)
+        self._compliance = ComplianceState.at(self.task(), T, T)
+
+    def task(self) -> AxisTask:
+        """Return the task of every period."""
+        return AxisTask(yields=NONE, shifts=(VirtualMass(),) * 3)
+
+    def move(self, given: LawInput) -> LawMotion:
+        """Return the motion of the compliant axes."""
+        return comply(self._compliance, given, super().move(given), self._settings)
 
 
 def law_input(sample: LawSample, task: AxisTask, gains: PiGains, motion: LawMotion) -> LawInput:
@@ -139,6 +164,8 @@ AnyLaw = LawRunner | Peer
 
 def runner_of(law: str, rig: ForceRig) -> LawRunner:
     """Return a law of the regulator by its name in the tables."""
+    if law == GUIDED:
+        return GuidingRunner(rig)
     return LawRunner(rig, OF_REGULATOR[law], known_gain(rig) if law == TUNED else None)
 
 

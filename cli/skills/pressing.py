@@ -241,7 +241,7 @@ def guide(
         return sample.t_s >= seconds or is_finished()
 
     with stop_force_at_end(cell):
-        cell.force.begin(ForceStartRequest(mode=mode, law="admittance"))
+        cell.force.guide(mode)
         monitor.until(add_sample, within_s=seconds + 1.0, label="guided")
 
 

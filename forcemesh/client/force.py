@@ -9,7 +9,7 @@ from forcemesh.client.ask import stopped_error
 from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError, NotReachedError
-from forcemesh.force_task import parse_task
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import (
     Gain3,
     Gains,
@@ -97,6 +97,14 @@ class Force:
         if isinstance(task, str):
             task = parse_task(task, frame)
         return self.begin(ForceStartRequest(task=task, host=host, law=law, preset=preset))
+
+    def guide(self, mode: Mode = "position") -> Reply:
+        """Let a hand guide the tool: it yields to a push, and stays where it is released.
+
+        Args:
+            mode: Whether the hand moves it, turns it, or both.
+        """
+        return self.start_task(GUIDED[mode])
 
     def begin(self, request: ForceStartRequest) -> Reply:
         """Start force feedback with a complete request."""

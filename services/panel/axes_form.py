@@ -16,8 +16,8 @@ from services.panel.watch import Snapshot
 
 FRAMES: tuple[TaskFrame, ...] = ("tool", "base", "sensor", "path")  # a pose is given by a program
 OPTIONS_HINT = (
-    "Separated by commas: speed=20, deviation=10 (mm or degrees), deadband=0.5; of an admittance "
-    "mass=5, damping=200, stiffness=500."
+    "Separated by commas: speed=20, deviation=10 (mm or degrees), deadband=0.5; of a compliant "
+    "axis mass=5, damping=200, stiffness=500."
 )
 ROW = "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>"
 

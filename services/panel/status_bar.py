@@ -121,7 +121,7 @@ def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
     note = "" if wrench.calibrated else ", not calibrated"
     caption, force_N, setpoint = "force |F|", hypot(*wrench.force_N), ""
     presses = target is not None and target.mode in {"position", "both"}
-    if robot is not None and target is not None and presses and target.law != "admittance":
+    if robot is not None and target is not None and presses and not is_guided(target):
         caption = "normal force"
         force_N = press_force_N(robot, wrench, cell_info(cell).T_flange_tcp)
         setpoint = "" if target.setpoint_N is None else f"{target.setpoint_N:.1f}"
@@ -132,6 +132,11 @@ def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
         "setpoint": setpoint,
         "lost": "",
     }
+
+
+def is_guided(target: RegulatorTarget) -> bool:
+    """Return whether a task has compliant axes alone: a hand guides the tool."""
+    return bool(target.axes) and all(axis.control != "force" for axis in target.axes)
 
 
 def contact_text(event: ContactEvent | None) -> str:

@@ -45,16 +45,11 @@ def refused_start(
         return tripped("host", text)
     if request.host == "controller" and not all(request.axes):
         return tripped("host", "axes: host controller cannot lock single axes, host pc can")
-    if request.task is not None and (text := task_mistake(request.task, request, cell)):
+    if request.task is not None and (text := task_mistake(request.task, request)):
         return tripped("malformed", text)
     law = request.law or cell.force.law
     if law not in LAWS:
         return tripped("malformed", f"law: must be {' or '.join(LAWS)}, found {law!r}")
-    if request.host == "controller" and LAWS[law].guides:
-        return tripped("host", f"law {law}: host controller has no hand guiding, host pc has")
-    if LAWS[law].guides and request.setpoint_N > 0.0:
-        text = f"law {law} needs set point 0"
-        return tripped("setpoint", text, value=request.setpoint_N, limit=0.0)
     if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
         return tripped("setpoint", text, value=request.setpoint_N, limit=largest_N)

@@ -351,16 +351,14 @@ class Regulator:
                 self._begin(law, goal, T_measured, T_measured),
                 last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
                 watch=GuardState(),
-                compliance=ComplianceState.at(goal, T_measured, T_measured, self._compliance),
+                compliance=ComplianceState.at(goal, T_measured, T_measured),
                 commanded=CommandHistory.of(cell),
             )
         else:
             is_same = change_task(session, request, goal, first)
             T_command = session.motion.T_base_tcp
             if not (is_same and session.compliance.covers(goal)):
-                session.compliance = ComplianceState.at(
-                    goal, T_command, T_measured, self._compliance
-                )
+                session.compliance = ComplianceState.at(goal, T_command, T_measured)
             if law != session.law or not is_same:
                 session.motion.follows = False
                 session.state = self._begin(law, goal, T_command, T_measured)

@@ -6,24 +6,19 @@ import numpy as np
 
 from common.config.cell import CellConfig
 from common.motion.frames import Rows
-from control.laws import LAWS
 from forcemesh.faults import tripped
 from forcemesh.force_task import AXIS_NAMES
 from forcemesh.messages import Trip
 from forcemesh.requests import ForceStartRequest, ForceTask, TaskAxis
-from services.regulator.task_request import complying
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
 BASE_AXIS = 0.999  # least component of an axis along the base axis that it is: 2.5 degrees
 
 
-def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) -> str:
+def task_mistake(task: ForceTask, request: ForceStartRequest) -> str:
     """Return what is contradictory in a request with a task, empty if nothing is."""
-    law = request.law or cell.force.law
     if request.setpoint_N > 0.0 or not all(request.axes):
         return "task: set points and held axes belong to the axes of the task"
-    if law in LAWS and LAWS[law].guides:
-        return f"law {law}: in a task an axis is guided by control free"
     if (task.frame == "pose") != (task.pose is not None):
         return "task: frame pose needs the pose of the frame in base, the others have none"
     if task.frame == "path" and task.axes[0].control != "held":
@@ -32,10 +27,8 @@ def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) 
         if axis.setpoint != 0.0 and axis.control != "force":
             return f"axis {name}: control {axis.control} has no set point"
         virtual = (axis.mass, axis.damping, axis.stiffness or None)
-        if any(part is not None for part in virtual) and not complying(axis):
-            return f"axis {name}: mass, damping and stiffness need control admittance or free"
-        if axis.control == "free" and axis.stiffness > 0.0:
-            return f"axis {name}: a free axis has no stiffness, control admittance has"
+        if any(part is not None for part in virtual) and axis.control != "compliant":
+            return f"axis {name}: mass, damping and stiffness need control compliant"
     return ""
 
 
@@ -82,8 +75,8 @@ def beyond_controller(task: ForceTask, R_base_task: Rows) -> str:
         return "frame pose: host controller turns about the contact, not about the frame"
     own = ("deadband", "speed_max", "deviation_max")
     for name, axis in zip(AXIS_NAMES, task.axes, strict=True):
-        if complying(axis):
-            return f"axis {name}: host controller has no control {axis.control}"
+        if axis.control == "compliant":
+            return f"axis {name}: host controller has no control compliant"
         if field := next((key for key in own if getattr(axis, key) is not None), ""):
             return f"axis {name}: host controller has no {field} for single axes"
     return _held_beyond_controller(task, R_base_task)

@@ -12,7 +12,6 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Rows, cross, plus, rotated_back, true_sensor
-from control.admittance import resting_deadband_N, resting_deadband_Nm
 from control.axis_task import (
     IDENTITY,
     AxisTask,
@@ -52,10 +51,9 @@ def request_task(
     axes = asked.axes
     force_N = _three([axis.setpoint for axis in axes[:3]])
     x, y, z, rx, ry, rz = (axis.control == "force" for axis in axes)
-    *_, free_rx, free_ry, free_rz = (axis.control == "free" for axis in axes)
     return AxisTask(
         yields=(x, y, z),
-        turns=(rx or free_rx, ry or free_ry, rz or free_rz),
+        turns=(rx, ry, rz),
         force_N=force_N,
         # Less could be noise: a contact at it would be taken for lost, and searched at full speed.
         searches=hypot(*force_N) > SEARCHED_DEADBANDS * cell.force.deadband_N,
@@ -64,22 +62,17 @@ def request_task(
         in_base=asked.frame in ("base", "pose", "path"),
         origin_m=asked.pose.position_m if asked.pose is not None else None,
         deadbands=(
-            _limits([_shift_deadband(axis, cell) for axis in axes[:3]]),
-            _limits([_turn_deadband(axis, cell) for axis in axes[3:]]),
+            _limits([axis.deadband for axis in axes[:3]]),
+            _limits([axis.deadband for axis in axes[3:]]),
         ),
         speeds=(_speeds(axes[:3]), _speeds(axes[3:])),
         shifts=tuple(map(_virtual_mass, axes[:3])),
-        swings=tuple(None if axis.control == "free" else _virtual_mass(axis) for axis in axes[3:]),
+        swings=tuple(map(_virtual_mass, axes[3:])),
         deviations=(
             _limits([axis.deviation_max for axis in axes[:3]]),
             _limits([_turn_limit(axis) for axis in axes[3:]]),
         ),
     )
-
-
-def complying(axis: TaskAxis) -> bool:
-    """Return whether an axis follows the force instead of a set point."""
-    return axis.control in ("admittance", "free")
 
 
 def task_mode(task: AxisTask) -> Mode:
@@ -167,27 +160,9 @@ def _rotation(
 
 
 def _virtual_mass(axis: TaskAxis) -> VirtualMass | None:
-    if not complying(axis):
+    if axis.control != "compliant":
         return None
     return VirtualMass(axis.mass, axis.damping, axis.stiffness)
-
-
-def _shift_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
-    """Return the deadband along an axis, constant for a spring.
-
-    Where the deadband of hand guiding widens as the tool comes to rest, a spring would pull it back
-    into motion: a limit cycle.
-    """
-    if axis.deadband is None and axis.stiffness > 0.0:
-        return resting_deadband_N(cell)
-    return axis.deadband
-
-
-def _turn_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
-    """Return the deadband about an axis; a free one must not drift on the residual torque."""
-    if axis.deadband is None and axis.control == "free":
-        return resting_deadband_Nm(cell)
-    return axis.deadband
 
 
 def _turn_limit(axis: TaskAxis) -> float | None:

@@ -53,7 +53,7 @@ def test_a_task_is_started_by_its_six_rows_and_shown_in_a_table(ready, address, 
     hit(page.page.get_by_text("Axes", exact=True).first)
     page.choose("z", "force")
     page.fill("z set point [N]", 90.0)
-    page.choose("x", "free")
+    page.choose("x", "compliant")
     page.click("Start axes")
     page.click("Start now")
     page.until_reply("Start axes: refused")

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from forcemesh import topics
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import Speed
 from forcemesh.requests import BackOffRequest, Empty, PathRequest
 from tests.kept.rig import KeptRig, shifted
@@ -54,7 +55,7 @@ def guided(rig: KeptRig) -> None:
     """Guide the tool by hand back and forth in free space."""
     rig.begin()
     rig.confirm_axes()
-    rig.force(setpoint_N=0.0, law="admittance")
+    rig.force(setpoint_N=0.0, task=parse_task(GUIDED["position"]))
     for force_N in ((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-8.0, 4.0, 0.0), (0.0, 0.0, 0.0)):
         rig.push(*force_N)
         rig.wait(0.3)

@@ -12,7 +12,7 @@ import pytest
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import Array
-from control.admittance import AdmittanceSettings
+from control.compliance import ComplianceSettings
 from control.law import LawSettings
 from forcemesh import topics
 from forcemesh.force_task import AXIS_NAMES, parse_task
@@ -22,8 +22,8 @@ from tests.fakes.bench import DEMO
 from tests.fakes.coupled_contact import CoupledContact, skewed_stiffness
 from tests.fakes.lab import Lab
 
-ALONG = ("held", "force:0", "force:5", "force:-4", "admittance,stiffness=1000", "free")
-ABOUT = ("held", "torque:0", "torque:0.15", "torque:-0.1", "admittance,stiffness=5", "free")
+ALONG = ("held", "force:0", "force:5", "force:-4", "compliant,stiffness=1000", "compliant")
+ABOUT = ("held", "torque:0", "torque:0.15", "torque:-0.1", "compliant,stiffness=5", "compliant")
 FACTORS: tuple[tuple[str, ...], ...] = (
     ("mujoco", "tcp", "controller"),
     ("plain", "adaptive"),
@@ -49,8 +49,8 @@ def drawn(count: int, seed: int) -> Iterator[Values]:
     while count:
         row = tuple(str(rng.choice(factor)) for factor in FACTORS)
         if row[0] == "controller":  # its commands hold base axes, and nothing but set points
-            kinds = [kind.replace("free", "held") for kind in row[3:]]
-            row = (*row[:2], "base", *("held" if "," in kind else kind for kind in kinds))
+            kinds = ("held" if kind.startswith("compliant") else kind for kind in row[3:])
+            row = (*row[:2], "base", *kinds)
         if row[2] == "path":
             row = (*row[:3], "held", *row[4:])
         if not all(kind == "held" for kind in row[3:]):
@@ -128,7 +128,7 @@ class AxesRig:
 
     def steady(self) -> float:
         """Return the largest error after settling, of all controlled and compliant axes."""
-        law, guiding = LawSettings.of(self.cell), AdmittanceSettings.of(self.cell).plain
+        law, guiding = LawSettings.of(self.cell), ComplianceSettings.of(self.cell)
         quiet = [max(law.deadband_N, law.rest_N) + NOISE_N] * 3 + [law.deadband_Nm + NOISE_NM] * 3
         loose = [guiding.deadband_N + NOISE_N] * 3 + [guiding.deadband_Nm + NOISE_NM] * 3
         worst, settled = np.inf, 0

@@ -51,6 +51,8 @@ def build(viewer: Viewer) -> Refresh:
     )
     with gui.add_folder("Press"):
         refresh_press = _add_press(viewer)
+    with gui.add_folder("Guide", expand_by_default=False):
+        _add_guiding(viewer)
     with gui.add_folder("Axes", expand_by_default=False):
         refresh_axes = add_axes(viewer)
     with gui.add_folder("Gains", expand_by_default=False):
@@ -107,19 +109,16 @@ def _add_press(viewer: Viewer) -> Refresh:
     followed = {name: SyncedField(handle) for name, handle in fields.items()}
 
     def request() -> ForceStartRequest:
-        force_N = 0.0 if law.value == "admittance" else float(setpoint.value)
         return ForceStartRequest(
-            mode=mode.value, host=host.value, law=law.value, setpoint_N=force_N
+            mode=mode.value, host=host.value, law=law.value, setpoint_N=float(setpoint.value)
         )
 
     def begin(cell: Cell) -> str:
         return cell.force.begin(request()).text
 
     def ask() -> None:
-        asked = request()
-        text = start_question(asked, config.force.search_m)
-        label = "Guide now" if asked.law == "admittance" else "Press now"
-        viewer.confirm_and_do("Start pressing", text, label, begin)
+        text = start_question(request(), config.force.search_m)
+        viewer.confirm_and_do("Start pressing", text, "Press now", begin)
 
     expected = Prose(gui, forecast_line(request(), config))
     start = viewer.button("Start pressing", ask, icon=viser.Icon.PLAYER_PLAY, color="orange")
@@ -150,6 +149,22 @@ def _add_press(viewer: Viewer) -> Refresh:
     return refresh
 
 
+def _add_guiding(viewer: Viewer) -> None:
+    """Add the form of hand guiding; force feedback is stopped as a press is."""
+    mode = viewer.gui.add_dropdown("Guided motion", get_args(Mode))
+
+    def ask() -> None:
+        chosen: Mode = mode.value
+        viewer.confirm_and_do(
+            "Guide by hand",
+            guiding_question(chosen),
+            "Guide now",
+            lambda cell: cell.force.guide(chosen).text,
+        )
+
+    viewer.button("Guide by hand", ask, icon=viser.Icon.HAND_MOVE, color="orange")
+
+
 def forecast_line(request: ForceStartRequest, cell: CellConfig) -> Html:
     """Return what a press is forecast to do on the cell's contact, or why there is no forecast."""
     job = ForceJob(request.setpoint_N, law=request.law, host=request.host, mode=request.mode)
@@ -158,13 +173,6 @@ def forecast_line(request: ForceStartRequest, cell: CellConfig) -> Html:
 
 def start_question(request: ForceStartRequest, search_m: float) -> Html:
     """Return the confirmation text of a start request."""
-    if request.law == "admittance":
-        return html(
-            "<p>Hand guiding: <b>the tool moves in the direction in which it is pushed</b> (mode "
-            "{}). Confirm that the space around it is free and that only the guiding person is "
-            "within reach.</p>",
-            request.mode,
-        )
     return html(
         "<p>The tool moves along its z axis until contact, then presses with <b>{} N</b> "
         "(mode {}, loop host {}). The search ends after {} mm without contact.</p>",
@@ -172,6 +180,16 @@ def start_question(request: ForceStartRequest, search_m: float) -> Html:
         request.mode,
         request.host,
         f"{1e3 * search_m:.0f}",
+    )
+
+
+def guiding_question(mode: Mode) -> Html:
+    """Return the confirmation text of hand guiding."""
+    return html(
+        "<p>Hand guiding: <b>the tool moves in the direction in which it is pushed</b> (mode "
+        "{}). Confirm that the space around it is free and that only the guiding person is "
+        "within reach.</p>",
+        mode,
     )
 
 

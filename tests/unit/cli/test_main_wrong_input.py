@@ -50,7 +50,7 @@ ROWS: tuple[tuple[str, str], ...] = (
     ("force start --axes z=push", "control 'push' must be one of held, force, torque"),
     ("force start --axes z=force:5 --setpoint 5", "holds the set points: omit --setpoint and --mode"),
     ("force start --frame sensor", '--frame sensor: needs --axes "NAME=CONTROL ..."'),
-    ("force start --law iron", "must be plain or adaptive or admittance, found 'iron'"),
+    ("force start --law iron", "must be plain or adaptive, found 'iron'"),
     ("forecast 2", "no forecast: set point is 2 N, measured were"),
     ("force gains --force-p 1,2", "3 numbers are needed, x,y,z (m/N), without spaces; found 2"),
     ("force gains --torque-i -1", "a gain is zero or positive"),

@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 
 from common.motion.convert import pose_of, record_of, vec3
 from common.motion.frames import cross, plus, rotated, rotation_from_vector
-from control import admittance
-from control.admittance import AdmittanceSettings
 from control.axis_task import (
     ALL,
     CELLS,
@@ -31,14 +29,13 @@ from control.law import LawInput, LawSettings, next_motion, start_at
 from forcemesh.force_task import parse_task
 from forcemesh.messages import ZERO3, RegulatorTarget
 from forcemesh.requests import ForceStartRequest
-from services.regulator.task_request import first_setpoint, next_setpoint, ramped, request_task
+from services.regulator.task_request import first_setpoint, next_setpoint, ramped
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
-from tests.fakes.law_input import DT_S, GAINS, START, mode_input
-from tests.fakes.regulator_bench import BOTH_HOSTS, PERIOD_S, FollowingBench, RegulatorBench
+from tests.fakes.law_input import DT_S, GAINS, START
+from tests.fakes.regulator_bench import BOTH_HOSTS, FollowingBench, RegulatorBench
 
 LAW, SETTINGS = LawSettings.of(CELL), ComplianceSettings.of(CELL)
-PLAIN = SETTINGS.guiding.plain
 TORSION = VirtualMass(stiffness=10.0)
 vectors = st.tuples(*[st.floats(-30.0, 30.0)] * 3)
 turns = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
@@ -58,13 +55,13 @@ def sample_of(task, force_N=ZERO3, torque_Nm=ZERO3, contact="contact"):
 
 def pushed(task: AxisTask, force_tool_N=ZERO3, torque_tool_Nm=ZERO3, periods=400):
     """Return the state and the last motion under a constant load in tool axes."""
-    state, motion = ComplianceState.at(task, START, START, SETTINGS), start_at(START)
+    state, motion = ComplianceState.at(task, START, START), start_at(START)
     sample = sample_of(task)
     for _ in range(periods):
         R = motion.T_base_tcp.rotation
         force_N, torque_Nm = tuple(R @ force_tool_N), tuple(R @ torque_tool_Nm)
         sample = LawInput(force_N, torque_Nm, task, DT_S, GAINS, motion, motion.T_base_tcp)
-        motion = comply(state, sample, next_motion(sample, PLAIN), SETTINGS)
+        motion = comply(state, sample, next_motion(sample, LAW), SETTINGS)
     return state, motion, sample
 
 
@@ -147,14 +144,14 @@ def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
     task = AxisTask((True, True, False), shifts=(None, None, VirtualMass()))
     _, motion, sample = pushed(task, (40.0, 40.0, 40.0), periods=30)
     moved_m = motion.T_base_tcp.translation - sample.motion.T_base_tcp.translation
-    assert np.linalg.norm(moved_m) <= PLAIN.speed_max_m_s * DT_S + 1e-12
+    assert np.linalg.norm(moved_m) <= SETTINGS.speed_max_m_s * DT_S + 1e-12
 
 
 def test_the_reference_moves_with_a_path_and_stays_for_the_same_axes() -> None:
     """A changed set point keeps it; other compliant axes begin where they are."""
     spring = VirtualMass(stiffness=1000.0)
     task = AxisTask(NONE, shifts=(spring, None, None))
-    state = ComplianceState.at(task, START, START, SETTINGS)
+    state = ComplianceState.at(task, START, START)
     state.move(((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)))
     assert state.T_reference.translation - START.translation == pytest.approx([0.0, 0.01, 0.0])
     assert state.covers(replace(task, force_N=(0.0, 0.0, 5.0)))
@@ -190,20 +187,20 @@ def test_the_target_holds_the_state_of_each_axis() -> None:
     """Of a task; a mode has none, and the mode of a task is what it controls."""
     bench = FollowingBench()
     bench.push((0.0, 0.0, 8.0))
-    reply = bench.start(request("z=force:5 rx=admittance,stiffness=2", preset="gentle"))
+    reply = bench.start(request("z=force:5 rx=compliant,stiffness=2", preset="gentle"))
     assert reply.accepted
     assert "frame tool, x=held y=held z=force:5" in reply.text
     bench.pass_s(0.1)
     target: RegulatorTarget = bench.published()
     assert (target.frame, target.mode, target.setpoint_N) == ("tool", "both", 5.0)
     assert [axis.control for axis in target.axes] == [
-        "held", "held", "force", "admittance", "held", "held",
+        "held", "held", "force", "compliant", "held", "held",
     ]  # fmt: skip
     assert target.axes[2].exerted == pytest.approx(8.0)
     assert bench.start(request("rx=torque:0")).accepted
     bench.pass_s(0.05)
     assert bench.published().mode == "orientation"
-    assert bench.start(request("x=free")).accepted
+    assert bench.start(request("x=compliant")).accepted
     bench.pass_s(0.05)
     assert bench.published().mode == "position"
     assert bench.start(ForceStartRequest(mode="position")).accepted
@@ -243,16 +240,26 @@ def test_frame_sensor_is_that_of_the_sensor_as_it_is_mounted() -> None:
     assert exerted == pytest.approx((R_base_sensor.T @ [-8.0, 0.0, 0.0]).tolist(), abs=1e-3)
 
 
-def test_the_deadband_of_a_spring_is_that_of_hand_guiding_at_rest() -> None:
+@pytest.mark.parametrize(
+    ("stiffness", "band_N", "load_N", "pulled_N"),
+    [
+        (1000.0, None, 12.0, 12.0 - CELL.force.idle_max_N),
+        (1000.0, 0.5, 12.0, 11.5),
+        (1000.0, None, CELL.force.idle_max_N, 0.0),
+    ],
+)
+def test_the_deadband_of_a_spring_is_that_of_hand_guiding_at_rest(
+    stiffness: float, band_N: float | None, load_N: float, pulled_N: float
+) -> None:
     """It does not narrow in motion, unless the request has one of its own."""
-    T = T_START
-    for text, width in (("x=admittance,stiffness=9", CELL.force.idle_max_N), ("x=free", None)):
-        task = request_task(request(text), T, CELL, mounting_rad=ZERO3)
-        assert task.deadbands[0] == (width, None, None)
-    task = request_task(
-        request("x=admittance,stiffness=9,deadband=0.5"), T, CELL, mounting_rad=ZERO3
+    task = AxisTask(
+        NONE,
+        shifts=(VirtualMass(stiffness=stiffness), None, None),
+        deadbands=((band_N, None, None), CELLS),
     )
-    assert task.deadbands[0] == (0.5, None, None)
+    state, motion, sample = pushed(task, (load_N, 0.0, 0.0), periods=4000)
+    away_m = state.deviation(motion.T_base_tcp, sample)[0][0]
+    assert away_m == pytest.approx(pulled_N / stiffness, abs=1e-5)
 
 
 def test_a_set_point_begins_at_the_load_and_rises_on_a_ramp() -> None:
@@ -282,21 +289,37 @@ def test_a_set_point_within_noise_is_not_searched_for(setpoint_N: float, contact
 
 # --- hand guiding -------------------------------------------------------------------------------
 
-GUIDING = AdmittanceSettings.of(CELL)
+GUIDING = AxisTask(NONE, shifts=(VirtualMass(),) * 3)
 SPEED = CELL.force.speed_max_m_s
+
+
+class Guiding:
+    """Hand guiding from rest; a step gives the next pose of the TCP."""
+
+    def __init__(self, share: float = 1.0) -> None:
+        """Start at rest; a share lowers the gains."""
+        self.motion, self.share = start_at(T_START), share
+        self.state = ComplianceState.at(GUIDING, T_START, T_START)
+
+    def step(self, force_N: np.ndarray, T_measured: pin.SE3 | None = None) -> pin.SE3:
+        """Return the next command under a force in base axes."""
+        sample = LawInput(
+            vec3(force_N), ZERO3, GUIDING, DT_S, GAINS, self.motion,
+            T_measured or self.motion.T_base_tcp,
+            gain_share=self.share,
+        )  # fmt: skip
+        self.motion = comply(self.state, sample, next_motion(sample, LAW), SETTINGS)
+        return self.motion.T_base_tcp
 
 
 def guided(force_N, seconds: float, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Return the travel and the last speed under a force of each period, in base axes."""
-    law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, GUIDING)
-    before = T_START.translation
-    for number in range(round(seconds / PERIOD_S)):
-        force = vec3(np.array(force_N(number * PERIOD_S)))
-        sample = mode_input(force, motion=law, gain_share=share)
-        before = law.T_base_tcp.translation
-        memory, law = admittance.step(memory, sample, GUIDING)
-    speed = (law.T_base_tcp.translation - before) / PERIOD_S
-    return law.T_base_tcp.translation - T_START.translation, speed
+    guiding = Guiding(share)
+    places = [
+        guiding.step(np.array(force_N(number * DT_S))).translation
+        for number in range(round(seconds / DT_S))
+    ]
+    return places[-1] - T_START.translation, (places[-1] - places[-2]) / DT_S
 
 
 @settings(max_examples=8)
@@ -331,17 +354,14 @@ def test_a_gain_share_damps_it_more() -> None:
 @pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])
 def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -> None:
     """Pushed with 10 N into a wall through the loop's delay: it comes to rest without bouncing."""
-    late = round((CELL.plant.tau_s - CELL.filter.lowpass_s) / PERIOD_S)
-    law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, GUIDING)
-    places = [T_START.copy()] * (late + 1)
-    forces = []
+    late = round((CELL.plant.tau_s - CELL.filter.lowpass_s) / DT_S)
+    guiding, places, forces = Guiding(), [T_START.copy()] * (late + 1), []
     for number in range(800):
         deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
         forces.append(stiffness_N_m * deep_m)
-        force_N = (0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0))
-        sample = mode_input(force_N, motion=law, T_measured=places[0])
-        memory, law = admittance.step(memory, sample, GUIDING)
-        places = [*places[1:], law.T_base_tcp]
+        hand_N = 10.0 if number < 600 else 0.0
+        T_next = guiding.step(np.array([0.0, 0.0, forces[-1] - hand_N]), places[0])
+        places = [*places[1:], T_next]
     resting = np.array(forces[400:600])
     assert resting.std() < 0.5
-    assert resting.mean() == pytest.approx(10.0, abs=GUIDING.plain.deadband_N + 0.5)
+    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)

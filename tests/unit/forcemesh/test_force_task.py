@@ -16,7 +16,7 @@ optional = st.none() | st.floats(0.1, 9.0)
 @st.composite
 def task_axes(draw):
     """Draw the control of one axis."""
-    control = draw(st.sampled_from(["held", "force", "admittance", "free"]))
+    control = draw(st.sampled_from(["held", "force", "compliant"]))
     limits = {name: draw(optional) for name in ("deadband", "speed_max", "deviation_max")}
     if control == "force":
         return TaskAxis(control=control, setpoint=draw(st.floats(-50.0, 50.0)), **limits)
@@ -52,15 +52,15 @@ def test_lengths_are_millimetres_and_angles_degrees() -> None:
     [
         ("q=held", "axis 'q=held': must be NAME=CONTROL, as in z=force:15 rx=torque:0: x, y, z"),
         ("z", "axis 'z': must be NAME=CONTROL"),
-        ("z=held z=free", "axis z: named twice"),
-        ("z=push", "control 'push' must be one of held, force, torque, admittance or free"),
+        ("z=held z=compliant", "axis z: named twice"),
+        ("z=push", "control 'push' must be one of held, force, torque or compliant"),
         ("z=torque:1", "axis z: control must be force, found torque"),
         ("rz=force:1", "axis rz: control must be torque, found force"),
-        ("z=free:1", "axis z: control free has no set point"),
+        ("z=compliant:1", "axis z: control compliant has no set point"),
         ("z=force:much", "axis z: set point must be a number, found 'much'"),
         ("z=force:nan", "axis z: set point must be a number, found 'nan'"),
         ("z=force:1,color=red", "option 'color' must be one of deadband, speed"),
-        ("z=force:1,mass=2", "axis z: mass needs control admittance or free"),
+        ("z=force:1,mass=2", "axis z: mass needs control compliant"),
         ("z=force:1,speed=-2", "must be above 0"),
         ("z=force:1e9", "must be at most 10000"),
     ],

@@ -16,8 +16,8 @@ import pytest
 from common.config.load import load_cell
 from forcemesh.clock import ManualClock
 from forcemesh.codec import SCHEMA_VERSION, decode, pack, unpack
-from forcemesh.errors import MisroutedError
-from forcemesh.messages import Permission, RobotState
+from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.messages import Permission, RegulatorTarget, RobotState
 from forcemesh.recorded_messages import READABLE_VERSIONS, decode_recorded, readdressed
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
@@ -88,14 +88,19 @@ def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> N
                 decode_recorded(data, BY_KEY[key].message, other)
 
 
-def test_the_law_of_hand_guiding_has_another_name() -> None:
-    """`guide` of version 2 is `admittance`; the other laws keep their names."""
-    for old_law, law in (("guide", "admittance"), ("plain", "plain")):
-        fields = unpack(KEPT[2, "regulator/target"], READABLE_VERSIONS) | {"law": old_law}
-        _, message = decode_recorded(
-            pack(fields), BY_KEY["regulator/target"].message, "regulator/target"
-        )
-        assert message.law == law
+def test_compliant_axes_had_other_names() -> None:
+    """In a target of any version, and what is no list of axes is not touched."""
+    fields: dict[str, Any] = {}
+    axis = {"setpoint": 2.0, "exerted": 1.0, "deviation": 0.0, "at_limit": False}
+    for version in READABLE_VERSIONS:
+        for old, new in (("free", "compliant"), ("admittance", "compliant"), ("force", "force")):
+            fields = unpack(KEPT[min(version, 2), "regulator/target"], READABLE_VERSIONS)
+            fields |= {"v": version, "axes": [axis | {"control": old}]}
+            _, message = decode_recorded(pack(fields), RegulatorTarget, "regulator/target")
+            assert [(axis.control, axis.setpoint) for axis in message.axes] == [(new, 2.0)]
+    fields |= {"axes": ["free"]}
+    with pytest.raises(MessageError, match="axes"):
+        decode_recorded(pack(fields), RegulatorTarget, "regulator/target")
 
 
 @pytest.mark.parametrize(("key", "part"), [("robot/state", ()), ("robot/command", ("permission",))])

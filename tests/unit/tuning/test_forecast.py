@@ -44,7 +44,7 @@ NO_TRACKING = {"force__surface_tracking": False, "force__law": "adaptive"}
 REFUSED: list[tuple[dict[str, Any], ForceJob, str]] = [
     ({}, ForceJob(15.0, host="controller"), "host controller: the map was measured with host pc"),
     ({}, ForceJob(15.0, mode="both"), "mode both: the map was measured with mode position"),
-    ({}, ForceJob(15.0, law="admittance"), "law admittance: the map has adaptive and plain"),
+    ({}, ForceJob(15.0, law="integral"), "law integral: the map has adaptive and plain"),
     ({}, ForceJob(2.0), "set point is 2 N, measured were"),
     ({}, ForceJob(90.0), "set point is 90 N, measured were"),
     ({}, ForceJob(15.0, 500.0), "too soft: 500 N/m"),

@@ -12,7 +12,14 @@ from common.motion.convert import vec3
 from common.motion.frames import rotation_from_vector
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
-from forcemesh.messages import ArbiterStatus, Health, RegulatorTarget, RobotState, WrenchAtTcp
+from forcemesh.messages import (
+    ArbiterStatus,
+    AxisState,
+    Health,
+    RegulatorTarget,
+    RobotState,
+    WrenchAtTcp,
+)
 from services.panel.status_bar import force_display, strip
 from services.panel.watch import Snapshot
 from tests.fakes.bench import CELL
@@ -89,6 +96,9 @@ def test_the_bar_shows_whether_the_arm_is_real_and_may_be_stopped(monitor):
 # --- force ----------------------------------------------------------------------------------------
 
 
+COMPLIANT = AxisState(control="compliant", setpoint=0.0, exerted=0.0, deviation=0.0, at_limit=False)
+
+
 @given(st.floats(-20.0, 40.0), st.floats(-10.0, 10.0), st.floats(0.0, 3.0))
 def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_point(
     press_N, side_N, angle_rad
@@ -109,7 +119,7 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
     for target in (
         RegulatorTarget(valid=False),
         RegulatorTarget(mode="orientation"),
-        RegulatorTarget(mode="position", law="admittance"),
+        RegulatorTarget(mode="position", axes=(COMPLIANT,) * 6),
     ):
         other = force_display(CELL, replace(received, target=fresh(target)))
         assert (other["caption"], other["setpoint"]) == ("force |F|", "")

@@ -16,7 +16,7 @@ from forcemesh.requests import ForceStartRequest
 from services.panel.faultlog import FAULTS_KEPT, FaultLog
 from services.panel.tabs import move
 from services.panel.tabs.faults import SHOWN, log_text
-from services.panel.tabs.force import start_question
+from services.panel.tabs.force import guiding_question, start_question
 from services.panel.viewer import RequestOutcome, Viewer
 from tests.fakes.bench import CELL
 
@@ -103,7 +103,7 @@ def test_the_log_has_each_reason_once_for_each_occurrence(histories):
 
 def test_the_questions_before_guiding_and_before_pressing_differ():
     """A user agrees to the motion that follows."""
-    guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
+    guide = guiding_question("position")
     assert "Hand guiding" in guide
     assert "presses" not in guide
     press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)

@@ -59,25 +59,21 @@ def built(**changes: Any) -> ForceStartRequest:
 
 
 STARTS = [
-    (start(law="iron"), "malformed", "law: must be plain or adaptive or admittance, found 'iron'"),
-    (start(host="controller", law="admittance"), "host", "law admittance: host controller has no"),
+    (start(law="iron"), "malformed", "law: must be plain or adaptive, found 'iron'"),
     (start(host="controller", axes=RZ_HELD), "host", "axes: host controller cannot lock"),
-    (start(law="admittance", setpoint_N=1.0), "setpoint", "law admittance needs set point 0"),
     (start(setpoint_N=5.0, axes=X_ONLY), "axes", "(x, frame base) exclude it"),
     (start(setpoint_N=5.0, axes=X_ONLY, frame="tool", mode="both"), "axes", "set point of 5 N"),
     (start(setpoint_N=5.0, axes=Z_HELD, law="adaptive"), "axes", "x,y,rx,ry,rz"),
     (task("z=force:5", setpoint_N=5.0), "malformed", "belong to the axes of the task"),
     (task("z=force:5", axes=(False,) * 6), "malformed", "belong to the axes of the task"),
-    (task("z=force:5", law="admittance"), "malformed", "guided by control free"),
     (task("z=force:5", "pose"), "malformed", "frame pose needs the pose"),
     (task("z=force:5", "base", pose=FRAME), "malformed", "the others have none"),
-    (task("x=free", "path"), "malformed", "x of frame path"),
-    (task("x=free,stiffness=9"), "malformed", "a free axis has no stiffness"),
+    (task("x=compliant", "path"), "malformed", "x of frame path"),
     (built(setpoint=2.0), "malformed", "control held has no set point"),
-    (built(mass=2.0), "malformed", "mass, damping and stiffness need control admittance or free"),
+    (built(mass=2.0), "malformed", "mass, damping and stiffness need control compliant"),
     (task("z=force:39 x=force:39"), "setpoint", "force.setpoint_max_N"),
     (task("rz=torque:9e3"), "setpoint", "torque set point"),
-    (task("z=free", host="controller"), "host", "axis z: host controller has no control"),
+    (task("z=compliant", host="controller"), "host", "axis z: host controller has no control"),
     (task("z=force:5,speed=9", host="controller"), "host", "has no speed_max for single"),
     (task("z=force:5", "path", host="controller"), "host", "cannot follow a path"),
     (task("z=force:5", "pose", pose=FRAME, host="controller"), "host", "frame pose"),
@@ -103,12 +99,12 @@ def test_a_start_that_cannot_run_is_refused_by_name(bench, asked, code, text) ->
 @pytest.mark.parametrize(
     "asked",
     [
-        start(law="admittance", axes=RZ_HELD),
+        start(axes=RZ_HELD),
         start(axes=X_ONLY),
         start(axes=Z_HELD, mode="orientation", setpoint_N=5.0),  # its set point is not used
         start(setpoint_N=CELL.force.setpoint_max_N),
         task("x=force:0 y=force:0 z=force:5", "sensor", host="controller"),  # no axis is held
-        task("rx=free"),
+        task("rx=compliant"),
     ],
 )
 def test_what_comes_close_to_a_refusal_is_accepted(bench: RegulatorBench, asked: Any) -> None:
@@ -173,7 +169,7 @@ def test_no_force_control_starts_with_axes_that_are_not_checked(bench: Regulator
     """Another calibration may be in use since the arm was armed; a turn needs the torques, too."""
     bench.wrench = bench.wrench.replaced(torques_checked=False, calibration="5eed")
     bench.step()
-    for asked in (start(mode="both"), task("rx=free"), task("rz=torque:0.1")):
+    for asked in (start(mode="both"), task("rx=compliant"), task("rz=torque:0.1")):
         reply = bench.start(asked)
         assert (reply.accepted, reply.code) == (False, "axes_unproved")
         assert "the torques are not checked with calibration 5eed" in reply.text

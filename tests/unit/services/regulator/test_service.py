@@ -11,6 +11,7 @@ from common.motion.convert import pose_of
 from control.gain_rule import tune
 from control.law import LawSettings
 from forcemesh import topics
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from tests.fakes.arbiter_world import T_START
@@ -161,15 +162,17 @@ ADAPTIVE = ForceStartRequest(law="adaptive")
 
 forces = st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(0.0, 40.0))
 torques = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
-starts = st.builds(
+modes = st.builds(
     ForceStartRequest,
     mode=st.sampled_from(["position", "orientation", "both"]),
     host=st.sampled_from(["pc", "controller"]),
-    law=st.sampled_from(["plain", "adaptive", "admittance"]),
+    law=st.sampled_from(["plain", "adaptive"]),
     setpoint_N=st.one_of(st.just(0.0), st.floats(0.0, 30.0)),
     axes=st.tuples(*[st.sampled_from([True, True, True, False])] * 6),
     frame=st.sampled_from(["base", "tool"]),
 )
+guided = [ForceStartRequest(task=parse_task(text)) for text in GUIDED.values()]
+starts = st.one_of(modes, st.sampled_from(guided))
 gains = st.floats(0.0, 5e-3).map(
     lambda gain: GainsRequest(force_i_m_per_Ns=(gain,) * 3, accept_unstable=True)
 )

@@ -39,10 +39,10 @@ from common.motion.frames import (
     rotation_between,
     scaled,
 )
-from control.tcp_path import SHARP
 from forcemesh.messages import ZERO3, Vec3
 
 ROTATION_RADIUS_M = 0.02
+SHARP = 0.9  # cosine of the angle of a corner from which the path stops there
 LEAST_BEND = 0.01  # sine of the angle of a corner that is blended
 LEAST_PIECE_M = 1e-6  # shorter ones are left out
 JOIN_S = 0.004  # of a period, for each pose that is joined in it

@@ -1,7 +1,7 @@
 """Path with force: 10 N along poses on a tilted plane, a cylinder and a hemisphere.
 
 The program is off, as one taught by hand or taken from CAD is: shifted, and turned about the place
-where it starts. Every law runs the product's own path (control/pose_path.py), which
+where it starts. Every law runs the product's own path (control/path_follower.py), which
 differs only in that a law with a predictor foresees the height by itself.
 """
 
@@ -32,7 +32,7 @@ from control.gain_rule import tune
 from control.gains import PiGains
 from control.law import LawMotion, back_calculate, start_at
 from control.path_curve import PathCurve
-from control.pose_path import PosePath, path_start
+from control.path_follower import PathFollower
 from services.regulator.path_request import turn_limits
 
 SURFACES = ("plane", "cylinder", "hemisphere")
@@ -58,7 +58,7 @@ class OnPath:
         self.law, self._motion = law, start_at(rig.T_base_tcp)
         curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_limits(rig.cell))
         predicts = isinstance(law, LawRunner) and law.predicts
-        self.path = PosePath(curve, in_contact=True, predicts=predicts)
+        self.path = PathFollower(curve, in_contact=True, predicts=predicts)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)
         law.setpoint_N = HOLD_N
         if isinstance(law, LawRunner):
@@ -66,7 +66,7 @@ class OnPath:
 
     def begin(self, poses: Sequence[pin.SE3], speed_m_s: float) -> None:
         """Begin a path that leads to its first pose and on."""
-        T_start = path_start(self._motion.T_base_tcp, poses[0], self._task)
+        T_start = self.path.start(self._motion.T_base_tcp, poses[0], self._task)
         curve = replace(self.path.curve, T_joined=T_start, feed_m_s=speed_m_s)
         self.path = replace(self.path, curve=curve.extended(poses, 0.0))
 

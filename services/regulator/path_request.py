@@ -12,70 +12,63 @@ from common.motion.convert import pose_of
 from common.motion.frames import apart
 from control.axis_task import AxisTask
 from control.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
-from control.pose_path import PosePath, path_start
-from control.tcp_path import TcpPath, component_across, path_along
+from control.path_follower import PathFollower, component_across
 from forcemesh.requests import PathRequest
 
 IN_PLACE_SHARE = 0.25  # of the speed of an approach, at the edge of the tool
 
-Path = TcpPath | PosePath
+MOST_PATH_POINTS = 600  # pending at once
 
 
-def tool_poses(request: PathRequest, T_base_tcp: pin.SE3) -> list[pin.SE3]:
-    """Return the poses of the TCP on a path; points are at the present height and orientation."""
+def path_poses(request: PathRequest, T_from: pin.SE3) -> list[pin.SE3]:
+    """Return the poses of the TCP on a path; points are at the height and orientation of T_from."""
     if request.poses:
         return [pose_of(each) for each in request.poses]
-    R, p = T_base_tcp.rotation, T_base_tcp.translation
+    R, p = T_from.rotation, T_from.translation
     aims = (component_across(np.array(point) - p, R[:, 2]) for point in request.points_m)
     return [pin.SE3(R, p + aim) for aim in aims]
 
 
 def next_path(
-    before: Path | None,
+    before: PathFollower | None,
     request: PathRequest,
+    poses: list[pin.SE3],
     *,
     T_base_tcp: pin.SE3,
     task: AxisTask,
     turns_frame: bool,
     predicts: bool,
     turns: TurnLimits,
-) -> Path:
+) -> PathFollower:
     """Return the path to follow from now on, from the speed along the present one.
 
     Args:
         before: The present path.
-        request: The next one.
+        request: A checked request.
+        poses: Those of the TCP that it means.
         T_base_tcp: Present command.
-        task: Task of force control.
-        turns_frame: The task frame turns with the path.
+        task: Its held axes are those that poses move.
+        turns_frame: The task frame turns with the path: points, too, leave its axes to the force.
         predicts: The law has a predictor.
         turns: Highest angular speeds.
     """
-    if not request.poses:
-        points = before if isinstance(before, TcpPath) else None
-        return _next_points(points, request, turns_frame=turns_frame)
-    poses = tool_poses(request, T_base_tcp)
-    if request.append and isinstance(before, PosePath):
-        path = before
-    else:
-        T_start = path_start(T_base_tcp, poses[0], task)
-        curve = PathCurve(T_start, request.speed_m_s, request.accel_m_s2, turns)
-        path = PosePath(curve, request.in_contact, predicts)
+    path = before if request.append else None
+    points = not request.poses and (path is None or path.points)
+    if path is None:
+        now_m_s = 0.0 if before is None else before.curve.now_m_s
+        path = PathFollower(
+            PathCurve(T_base_tcp, request.speed_m_s, request.accel_m_s2, turns, now_m_s=now_m_s),
+            request.in_contact,
+            predicts,
+            turns_frame,
+            points,
+        )
+        if request.poses:
+            T_start = path.start(T_base_tcp, poses[0], task)
+            path = replace(path, curve=replace(path.curve, T_joined=T_start))
     curve = replace(path.curve, feed_m_s=request.speed_m_s, accel_m_s2=request.accel_m_s2)
     curve = curve.extended(poses, request.blend_m)
-    return replace(path, curve=curve, in_contact=request.in_contact)
-
-
-def _next_points(before: TcpPath | None, request: PathRequest, *, turns_frame: bool) -> TcpPath:
-    ahead = before.points if before is not None and request.append else ()
-    return path_along(
-        ahead + tuple(np.array(point) for point in request.points_m),
-        speed_m_s=request.speed_m_s,
-        accel_m_s2=request.accel_m_s2,
-        in_contact=request.in_contact,
-        turns_frame=turns_frame,
-        now_m_s=0.0 if before is None else before.now_m_s,
-    )
+    return replace(path, curve=curve, in_contact=request.in_contact, points=points)
 
 
 def turn_limits(cell: CellConfig) -> TurnLimits:

@@ -12,8 +12,6 @@ from common.motion.limits import Limits, check_workspace
 from common.motion.permission import outranks
 from control.gain_rule import instability
 from control.laws import LAWS
-from control.pose_path import PosePath
-from control.tcp_path import MOST_PATH_POINTS, TcpPath
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
 from forcemesh.force_task import AXIS_NAMES
@@ -24,7 +22,7 @@ from forcemesh.requests import (
     GainsRequest,
     PathRequest,
 )
-from services.regulator.path_request import largest_turn
+from services.regulator.path_request import MOST_PATH_POINTS, largest_turn
 from services.regulator.session import ForceOwner, ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 
@@ -153,22 +151,15 @@ def _refused_poses(
     """Return why a path of poses cannot be followed by this task, None when it can."""
     if request.points_m and request.poses:
         return tripped("setpoint", "a path has points or poses, not both")
-    before = session.path if request.append else None
     if not request.poses:
-        if request.points_m and isinstance(before, PosePath):
-            return tripped("setpoint", "points cannot continue a path of poses: send poses")
         return None
-    if isinstance(before, TcpPath):
-        return tripped("setpoint", "poses cannot continue a path of points: send points")
     if all(session.goal.yields):
         text = (
             "the force controls every axis, none is left to a path of poses: start force feedback "
             "with axes held, such as --axes z=force:10"
         )
         return tripped("axes", text)
-    T_base_tcp = session.motion.T_base_tcp
-    T_from = T_base_tcp if before is None else before.end(T_base_tcp)
-    number, turn_rad = largest_turn(T_from, poses)
+    number, turn_rad = largest_turn(session.path_end(append=request.append), poses)
     if turn_rad > LARGEST_BETWEEN_RAD:
         text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"
         limit = LARGEST_BETWEEN_RAD

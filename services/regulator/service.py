@@ -49,7 +49,7 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest, Reply
 from services.regulator.contact_events import ContactTracker
-from services.regulator.path_request import next_path, tool_poses, turn_limits
+from services.regulator.path_request import next_path, path_poses, turn_limits
 from services.regulator.refusals import (
     refused_axes,
     refused_gains,
@@ -392,11 +392,10 @@ class Regulator:
         """Check a path: the request as a whole, then sample by sample whether the joints follow."""
         if (session := self._session) is None or session.failed is not None:
             return iter((NOT_RUNNING,))
-        T_base_tcp = session.motion.T_base_tcp
-        poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
+        T_from = session.path_end(append=request.append)
+        poses = path_poses(request, T_from)
         joints = tool_path_trips(
-            self._space, poses, self._robot.read(self._now_ns).fresh,
-            T_base_tcp if ahead is None else ahead.end(T_base_tcp),
+            self._space, poses, self._robot.read(self._now_ns).fresh, T_from,
             T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
         )  # fmt: skip
         return chain((refused_path(request, session, poses, self._cell),), joints)
@@ -404,12 +403,11 @@ class Regulator:
     def _follow_path(self, request: PathRequest) -> Reply:
         if (session := self._session) is None or session.failed is not None:
             return refused(NOT_RUNNING)
-        T_base_tcp = session.motion.T_base_tcp
-        poses = tool_poses(request, T_base_tcp)
+        poses = path_poses(request, session.path_end(append=request.append))
         if (trip := refused_path(request, session, poses, self._cell)) is not None:
             return refused(trip)
         session.path = next_path(
-            session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
+            session.path, request, poses, T_base_tcp=session.motion.T_base_tcp, task=session.goal,
             turns_frame=session.follows_tangent, predicts=LAWS[session.law].predicts,
             turns=turn_limits(self._cell),
         )  # fmt: skip

@@ -16,7 +16,7 @@ from control.guards import GuardState, kept_over_restart
 from control.law import LawInput, LawMotion, back_calculate
 from control.laws import LAWS
 from control.link_lag import CommandHistory
-from control.tcp_path import tangent_frame
+from control.path_follower import PathFollower, tangent_frame
 from forcemesh.codec import Header
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
@@ -33,7 +33,6 @@ from forcemesh.messages import (
 )
 from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
-from services.regulator.path_request import Path
 from services.regulator.task_request import next_setpoint, ramped, same_frame, task_mode
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
@@ -75,7 +74,7 @@ class ForceSession:
     delay: DelayWatch = field(default_factory=DelayWatch)
     sent_share: float = 1.0  # of the gains sent to the controller
     rest_s: float = 0.0  # until the commands released before a late input have arrived
-    path: Path | None = None  # if there is one
+    path: PathFollower | None = None  # if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     origin: Origin | None = None  # sensor sample of the last wrench
     report: Header | None = None  # of the robot's last one
@@ -90,6 +89,12 @@ class ForceSession:
     def follows_tangent(self) -> bool:
         """Whether the task frame turns with the path."""
         return self.request.task is not None and self.request.task.frame == "path"
+
+    def path_end(self, *, append: bool) -> pin.SE3:
+        """Return where a path begins: at the end of the present one, or at the command."""
+        if append and self.path is not None:
+            return self.path.curve.T_end
+        return self.motion.T_base_tcp
 
 
 def move(
@@ -164,7 +169,7 @@ def ramped_task(session: ForceSession, dt_s: float, gains: Gains, ramp: Setpoint
     goal = session.goal
     if session.path is not None and session.follows_tangent:
         T = session.motion.T_base_tcp
-        ahead = session.path.ahead(T)
+        ahead = session.path.curve.tangent
         R = tangent_frame(goal.R_task or IDENTITY, ahead, T.rotation, dt_s)
         goal = session.goal = replace(goal, R_task=R)
     if session.request.host == "controller" and session.motion.contact == "approach":
@@ -254,7 +259,7 @@ def valid_target(
         gain_share=session.delay.share,
     )
     path = session.path
-    return target if path is None else target.replaced(**path.report(T))
+    return target if path is None else target.replaced(**path.report())
 
 
 def change_task(

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from common.motion.convert import record_of
-from control.tcp_path import MOST_PATH_POINTS
 from forcemesh import topics
 from forcemesh.force_task import parse_task
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ForceStartRequest, PathRequest
+from services.regulator.path_request import MOST_PATH_POINTS
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (
@@ -210,8 +210,7 @@ PATHS = [
     (PRESS, [], PathRequest(poses=(NEAR, NEAR.replaced(position_m=FAR))), "workspace", "point 2: "),
     (PRESS, [], PathRequest(poses=(NEAR, TURNED)), "setpoint", "pose 2 is turned by 115 degrees"),
     (PRESS, [], POINTS.replaced(poses=(NEAR,)), "setpoint", "points or poses, not both"),
-    (PRESS, [POINTS], PathRequest(poses=(NEAR,), append=True), "setpoint", "a path of points"),
-    (PRESS, [PathRequest(poses=(NEAR,))], POINTS.replaced(append=True), "setpoint", "of poses"),
+    (FREE, [POINTS], PathRequest(poses=(NEAR,), append=True), "axes", "controls every axis"),
     (FREE, [], PathRequest(poses=(NEAR,)), "axes", "the force controls every axis"),
 ]
 

@@ -1,4 +1,7 @@
-"""Path of poses, followed in three dimensions while force feedback acts. Pure.
+"""Path of poses or points, followed while force feedback acts. Pure.
+
+Hybrid force/motion control. A point is a pose whose height and orientation are free: only its part
+across the tool's axis counts, also where force control acts there.
 
 The command is the reference on the curve plus an offset. Along the axes that force control or
 compliance moves, the offset is theirs: it turns with the task frame, so what was corrected on one
@@ -10,18 +13,18 @@ Where the force error grows, the feed drops, and rises again with the accelerati
 """
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from common.motion.convert import vec3
-from common.motion.frames import Array, Speeds, dot, moved, plus, speeds_between
+from common.motion.frames import Array, Rows, Speeds, dot, moved, plus, speeds_between
 from common.motion.rate_limiter import REST
-from control.axis_task import AxisTask, Flags, masked
+from control.axis_task import NONE, AxisTask, Flags, masked
 from control.law import LawInput, LawMotion, limit_norm
-from control.path_curve import PathCurve
-from control.tcp_path import room_m
+from control.path_curve import LEAST_PIECE_M, SHARP, PathCurve
 from forcemesh.messages import ZERO3
 
 FULL_FEED_SHARE, FULL_FEED_N = 0.1, 1.0  # force error, of the set point and at least, at full feed
@@ -31,15 +34,27 @@ MISSED_SHARE, MISSED_N = 0.2, 1.0  # force error beyond which the path counts as
 BEHIND_M = 0.002  # deviation along a held axis at which the path waits for the tool
 BEHIND_RAD = 0.02
 SEARCH_M = 0.001  # below the height of the last contact, where a path goes on without contact
+TURN_RAD_S = 6.0  # fastest turn of the tangent frame: lateral set points turn with it
+ACROSS: Flags = (True, True, False)  # the tool's axis
+
+
+class Guided(NamedTuple):
+    """Axes of a frame along and about which the path alone moves the tool."""
+
+    along: Flags
+    about: Flags
+    R_base_frame: Rows
 
 
 @dataclass(frozen=True, slots=True)
-class PosePath:
-    """What is left of a path of poses, and what was missed so far."""
+class PathFollower:
+    """What is left of a path, and what was missed so far."""
 
     curve: PathCurve
     in_contact: bool  # stand still without contact
     predicts: bool  # the law has a predictor
+    turns_frame: bool = False  # the task frame turns with it
+    points: bool = False  # it guides the tool across its axis, whatever the task
     missed_m: float = 0.0  # length travelled without contact, or with another force
     height_m: float = 0.0  # of the tool over the curve when it last had contact, press axis
 
@@ -48,15 +63,25 @@ class PosePath:
         """Number of pieces and poses that are still to be followed."""
         return self.curve.pending
 
-    def end(self, _T_base_tcp: pin.SE3) -> pin.SE3:
-        """Return the pose at the end."""
-        return self.curve.T_end
+    def guided(self, task: AxisTask, R_base_tcp: Rows) -> Guided:
+        """Return the axes that the path moves: those that the task holds, or across the tool's."""
+        if self.points and not self.turns_frame:
+            return Guided(ACROSS, NONE, R_base_tcp)
+        return Guided(*task.held, task.R_base_task(R_base_tcp))
 
-    def ahead(self, _T_base_tcp: pin.SE3) -> Array:
-        """Return the direction of travel, zero at the end. Base axes, shape (3,)."""
-        return self.curve.tangent
+    def start(self, T_base_tcp: pin.SE3, T_first: pin.SE3, task: AxisTask) -> pin.SE3:
+        """Return the pose from which the path leads to its first pose without a step.
 
-    def report(self, _T_base_tcp: pin.SE3) -> dict[str, float]:
+        It is the present command, without what it is away along the axes of force control: there
+        the contact is somewhere else than the program assumes, and stays where it is.
+        """
+        along, _, R = self.guided(task, T_first.rotation.tolist())
+        away_m = vec3(T_base_tcp.translation - T_first.translation)
+        return pin.SE3(
+            T_base_tcp.rotation, T_first.translation + np.array(masked(away_m, along, R))
+        )
+
+    def report(self) -> dict[str, float]:
         """Return the fields of the target that describe the path."""
         curve = self.curve
         return {
@@ -67,7 +92,7 @@ class PosePath:
 
     def follow(
         self, sample: LawInput, motion: LawMotion, most_m: float
-    ) -> tuple["PosePath", pin.SE3, Speeds]:
+    ) -> tuple["PathFollower", pin.SE3, Speeds]:
         """Return the path and the command after one period, and the motion of the reference in it.
 
         Args:
@@ -77,9 +102,9 @@ class PosePath:
         """
         path, curve, T, task = self, self.curve, motion.T_base_tcp, sample.task
         touches = motion.contact == "contact"
-        if path.in_contact and not touches:
+        if (path.in_contact and not touches) or (path.points and not curve.pending):
             return replace(path, curve=replace(curve, now_m_s=0.0)), T, REST
-        before, held = curve.T_reference, task.held
+        before = curve.T_reference
         height_m = dot(sample.press_axis, vec3(before.translation - T.translation))
         if touches:
             path = replace(path, height_m=height_m)
@@ -87,7 +112,8 @@ class PosePath:
             T = pin.SE3(T.rotation, sample.motion.T_base_tcp.translation)
         error_N = -dot(motion.error_force_N or ZERO3, sample.press_axis)
         share = feed_share(error_N, task.press_N) if touches else 1.0
-        share = 0.0 if _is_behind(before, sample, held) else share
+        is_off = self.turns_frame and _off_tangent(sample.R_base_task, curve.tangent)
+        share = 0.0 if is_off or self._is_behind(before, sample) else share
         pushed_m = T.translation - sample.motion.T_base_tcp.translation
         room = room_m(pushed_m, curve.tangent, most_m)
         curve = curve.advanced(sample.dt_s, share=share, most_m=room)
@@ -96,7 +122,7 @@ class PosePath:
             path = replace(path, missed_m=path.missed_m + curve.now_m_s * sample.dt_s)
         after = curve.T_reference
         travel = speeds_between(before, after, 1.0)
-        T_next = self._command(T, after, travel, sample=sample, held=held, most_m=most_m)
+        T_next = self._command(T, after, travel, sample=sample, most_m=most_m)
         return path, T_next, travel
 
     def _command(
@@ -106,33 +132,65 @@ class PosePath:
         travel: Speeds,
         *,
         sample: LawInput,
-        held: tuple[Flags, Flags],
         most_m: float,
     ) -> pin.SE3:
         """Return the command: what force control commands, with the travel of the reference."""
         shift_m, turn_rad = travel
         T_fed = moved(T, travel, 1.0)
         away_m, away_rad = speeds_between(T_reference, T_fed, 1.0)
-        R_base_task = sample.task.R_base_task(T_fed.rotation.tolist())
-        if self.predicts:
-            shift_m = masked(shift_m, held[0], R_base_task)
-        shift_m = plus(shift_m, masked(away_m, held[0], R_base_task), -1.0)
-        back_rad = masked(away_rad, held[1], R_base_task)
+        along, about, R = self.guided(sample.task, T_fed.rotation.tolist())
+        if self.predicts or self.points:
+            shift_m = masked(shift_m, along, R)
+        shift_m = plus(shift_m, masked(away_m, along, R), -1.0)
+        back_rad = masked(away_rad, about, R)
         most_rad = self.curve.turns.rad_s * sample.dt_s
         turn_rad = plus(turn_rad, limit_norm(back_rad, most_rad), -1.0)
         return moved(T, (limit_norm(shift_m, most_m), turn_rad), 1.0)
 
+    def _is_behind(self, T_reference: pin.SE3, sample: LawInput) -> bool:
+        """Return whether limits keep the tool from following: the path would run away from it."""
+        T = sample.motion.T_base_tcp
+        along, about, R = self.guided(sample.task, T.rotation.tolist())
+        away_m, away_rad = speeds_between(T_reference, T, 1.0)
+        behind_m, behind_rad = masked(away_m, along, R), masked(away_rad, about, R)
+        return hypot(*behind_m) > BEHIND_M or hypot(*behind_rad) > BEHIND_RAD
 
-def path_start(T_base_tcp: pin.SE3, T_first: pin.SE3, task: AxisTask) -> pin.SE3:
-    """Return the pose from which a path leads to its first pose without a step.
 
-    It is the present command, without what it is away along the axes of force control: there the
-    contact is somewhere else than the program assumes, and stays where it is.
+def _off_tangent(R_base_task: Rows, tangent: Array) -> bool:
+    """Return whether the frame is not along the path yet: the tool would leave it sideways."""
+    x = np.array(R_base_task)[:, 0]
+    return bool(tangent.any()) and float(x @ tangent) < SHARP
+
+
+def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:
+    """Return the longest motion along a direction that stays, with another one, within most_m."""
+    along_m = float(pushed_m @ direction)
+    return max(0.0, sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m)
+
+
+def tangent_frame(R_base_task: Rows, ahead: Array, R_base_tcp: Array, dt_s: float) -> Rows:
+    """Return the tangent frame after a period: x along the path, z the tool's axis.
+
+    It turns about the tool's axis towards `ahead` (base axes, shape (3,)), at TURN_RAD_S at most,
+    and keeps its direction at the end of the path.
     """
-    R_base_task = task.R_base_task(T_first.rotation.tolist())
-    away_m = vec3(T_base_tcp.translation - T_first.translation)
-    aside_m = masked(away_m, task.held[0], R_base_task)
-    return pin.SE3(T_base_tcp.rotation, T_first.translation + np.array(aside_m))
+    z = R_base_tcp[:, 2]
+    x = component_across(np.array(R_base_task)[:, 0], z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    ahead = component_across(ahead, z)
+    if np.linalg.norm(ahead) > LEAST_PIECE_M:
+        most = TURN_RAD_S * dt_s
+        angle = min(max(float(np.arctan2(ahead @ y, ahead @ x)), -most), most)
+        x = np.cos(angle) * x + np.sin(angle) * y
+        y = np.cross(z, x)
+    rows: Rows = np.column_stack((x, y, z)).tolist()
+    return rows
+
+
+def component_across(vector: Array, axis: Array) -> Array:
+    """Return the component of a vector across a unit axis. Shapes (3,)."""
+    return vector - (vector @ axis) * axis
 
 
 def feed_share(error_N: float, press_N: float) -> float:
@@ -145,11 +203,3 @@ def feed_share(error_N: float, press_N: float) -> float:
 def is_missed(error_N: float, press_N: float) -> bool:
     """Return whether a force error is too large for the work that the path is to do."""
     return abs(error_N) > max(MISSED_N, MISSED_SHARE * press_N)
-
-
-def _is_behind(T_reference: pin.SE3, sample: LawInput, held: tuple[Flags, Flags]) -> bool:
-    """Return whether limits keep the tool from following: the path would run away from it."""
-    away_m, away_rad = speeds_between(T_reference, sample.motion.T_base_tcp, 1.0)
-    behind_m = masked(away_m, held[0], sample.R_base_task)
-    behind_rad = masked(away_rad, held[1], sample.R_base_task)
-    return hypot(*behind_m) > BEHIND_M or hypot(*behind_rad) > BEHIND_RAD

@@ -1,154 +1,32 @@
-"""Curve, feed and look-ahead of a path of poses."""
+"""A pressed tool that follows a path of poses or points."""
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from common.motion.frames import apart
-from control.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
-from control.pose_path import is_missed
+from control.axis_task import IDENTITY
+from control.path_follower import is_missed, room_m, tangent_frame
 from forcemesh import topics
 from forcemesh.codec import Envelope, decode_record, encode_record
 from forcemesh.force_task import parse_task
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.regulator import service
-from services.regulator.path_request import turn_limits
+from services.regulator.path_request import path_poses, turn_limits
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
-DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
-IN_PLACE_RAD_S = 0.3
-TURNS = TurnLimits(TURN_RAD_S, IN_PLACE_RAD_S)
-MOST_M, SLOW_S = 1.0, 0.05
+FEED_M_S = 0.02
 coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
-angles = st.floats(-0.5, 0.5).map(lambda x: round(x, 3))
-places = st.tuples(*[coordinates] * 3, *[angles] * 3)
-routes = st.lists(places, min_size=1, max_size=6)
-blends = st.sampled_from([0.0, 0.002, 0.02])
-
-
-def pose_at(place: tuple[float, ...]) -> pin.SE3:
-    """Return a pose of three coordinates and a rotation vector."""
-    return pin.SE3(pin.exp3(np.array(place[3:])), np.array(place[:3]))
-
-
-def start(**changes: float) -> PathCurve:
-    """Return a path without poses at the origin."""
-    return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURNS)
-
-
-def joined(path: PathCurve, poses: list[pin.SE3], blend_m: float) -> PathCurve:
-    """Return the path with more poses, all joined."""
-    path = path.extended(poses, blend_m)
-    while path.waiting:
-        path = path.joined()
-    return path
-
-
-def followed(path: PathCurve, dt_s: float = DT_S) -> list[PathCurve]:
-    """Return the path at each period until it stands at its end."""
-    passed = [path]
-    while passed[-1].pending:
-        assert len(passed) < 20_000, "the path does not end"
-        passed.append(passed[-1].advanced(dt_s, share=1.0, most_m=MOST_M))
-    return passed
-
-
-@settings(max_examples=10)
-@given(routes, blends)
-def test_the_feed_never_exceeds_its_limits_and_the_end_is_reached_exactly(route, blend_m) -> None:
-    """Travel, turn and acceleration of each period; the length that is left only falls."""
-    poses = [pose_at(place) for place in route]
-    passed = followed(start().extended(poses, blend_m), SLOW_S)
-    assert apart(passed[-1].T_reference, poses[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
-    for before, after in pairwise(passed):
-        moved_m, turned_rad = apart(before.T_reference, after.T_reference)
-        assert moved_m <= FEED_M_S * SLOW_S * 1.01
-        assert turned_rad <= TURN_RAD_S * SLOW_S * 1.05 + 1e-9
-        assert after.left_m <= before.left_m
-        assert after.now_m_s <= before.now_m_s + ACCEL_M_S2 * SLOW_S + 1e-12
-
-
-def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
-    """A blend of 3 mm is passed at the speed that its curvature and the acceleration permit."""
-    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
-    slowest = [
-        min(each.now_m_s for each in followed(start().extended(corner, blend_m))[20:-40])
-        for blend_m in (0.0, 0.003)
-    ]
-    assert slowest[0] < 0.003
-    assert slowest[1] == pytest.approx(FEED_M_S)
-
-
-def test_it_brakes_over_several_short_pieces() -> None:
-    """Not only in the last one."""
-    route = [pose_at((1e-4 * number, 0, 0, 0, 0, 0)) for number in range(1, 60)]
-    passed = followed(joined(start(), route, 0.0))
-    for before, after in pairwise(passed):
-        assert before.now_m_s - after.now_m_s <= 2.0 * ACCEL_M_S2 * DT_S + 1e-9
-
-
-def test_a_corner_that_is_near_already_is_blended_without_a_jump() -> None:
-    """The blend begins no earlier than where the tool is."""
-    near = followed(start().extended([pose_at((0.02, 0, 0, 0, 0, 0))], 0.0))[-20]
-    after = near.extended([pose_at((0.02, 0.02, 0, 0, 0, 0))], 0.01).joined()
-    assert apart(near.T_reference, after.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert after.pieces[0].length_m - after.done_m >= -1e-9
-
-
-def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
-    """A rotation has no direction of travel, so the path stops before and after it."""
-    turn = pose_at((0.0, 0.0, 0.0, 0.0, 0.0, 0.4))
-    path = joined(start(), [turn, turn, pose_at((0.01, 0, 0, 0, 0, 0.4))], 0.005)
-    assert len(path.pieces) == 2
-    assert path.pieces[0].length_m == pytest.approx(0.4 * ROTATION_RADIUS_M)
-    assert path.tangent == pytest.approx(np.zeros(3))
-    assert path.ends_m_s == (0.0, 0.0)
-    assert len(followed(path)) > 0.4 / IN_PLACE_RAD_S / DT_S
-
-
-@given(st.floats(0.0, 0.1), st.floats(1e-3, 1.0))
-def test_a_turn_that_the_travel_does_not_explain_has_a_speed_of_its_own(travel_m, angle) -> None:
-    """A tool that travels over a convex body turns as fast as its feed; in place it is slow."""
-    (piece,) = joined(start(), [pose_at((travel_m, 0, 0, 0, angle, 0))], 0.0).pieces
-    turn_rad_s = piece.fastest_m_s * angle / piece.length_m
-    explained = min(travel_m / (ROTATION_RADIUS_M * angle), 1.0)
-    assert turn_rad_s <= TURN_RAD_S * (1 + 1e-6)
-    assert turn_rad_s * (1.0 - explained) <= IN_PLACE_RAD_S * (1 + 1e-6)
-    assert turn_rad_s >= IN_PLACE_RAD_S * (1 - 1e-6)
-
-
-def test_a_blend_turns_its_tangent_by_half_in_the_middle() -> None:
-    """Of a right angle."""
-    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
-    _, blend, _ = joined(start(), corner, 0.005).pieces
-    assert blend.tangent(0.5 * blend.length_m) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0])
-
-
-@settings(max_examples=20)
-@given(routes, blends)
-def test_a_pose_that_is_joined_while_the_tool_moves_changes_nothing(route, blend_m) -> None:
-    """One is joined in each period, and the tool moves as on a curve that is joined at once."""
-    poses = [pose_at(place) for place in route]
-    lazy, whole = start().extended(poses, blend_m), joined(start(), poses, blend_m)
-    for count in range(100):
-        lazy = lazy.advanced(DT_S, share=1.0, most_m=MOST_M)
-        whole = whole.advanced(DT_S, share=1.0, most_m=MOST_M)
-        assert len(lazy.waiting) <= max(len(poses) - 1 - count, 0)
-        assert apart(lazy.T_reference, whole.T_reference) == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
-# --- while the tool presses ---------------------------------------------------------------------
-
+places = st.tuples(*[coordinates] * 3)
+turns = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
 STIFFNESS_N_M, PRESS_N, LENGTH_M = 2e4, 10.0, 0.03
 HELD = ForceStartRequest(
     mode="position", setpoint_N=PRESS_N, axes=(False, False, True) * 2, frame="tool"
@@ -274,6 +152,125 @@ def test_a_path_turns_no_faster_than_the_arbiter_permits() -> None:
     fast = load_cell(DEMO, {"force.speed_max_rad_s": 2.0})
     assert turn_limits(fast).rad_s == pytest.approx(np.radians(fast.limits.speed_deg_s))
     assert turn_limits(CELL).rad_s == CELL.force.speed_max_rad_s
+
+
+# --- points -------------------------------------------------------------------------------------
+
+PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
+
+
+def path_x(bench: FollowingBench) -> list[float]:
+    """Return the direction of axis x of the path frame, along the path."""
+    assert isinstance(bench.service, service.Regulator)
+    session = bench.service._session
+    assert session is not None
+    return [row[0] for row in session.goal.R_task or ()]
+
+
+def test_the_frame_of_a_path_turns_with_it() -> None:
+    """The lateral axis stays lateral; at the end of the path the frame keeps its direction."""
+    bench = FollowingBench()
+    task = parse_task("z=force:8 y=force:0", "path")
+    bench.push((0.0, 0.0, 8.0))
+    assert bench.start(ForceStartRequest(task=task, law="adaptive")).accepted
+    bench.pass_s(0.1)
+    begin = bench.p_tcp_m
+    corner = begin + np.array([0.0, 0.01, 0.0])
+    points_m = tuple(corner), tuple(corner + np.array([0.01, 0.0, 0.0]))
+    path = PathRequest(points_m=points_m, speed_m_s=0.02)
+    assert bench.ask(topics.FORCE_PATH, path).accepted
+    bench.pass_s(0.3)
+    assert path_x(bench) == pytest.approx([0.0, 1.0, 0.0], abs=0.05)
+    bench.push((5.0, 0.0, 8.0))  # lateral: the tool yields, and the path goes along with it
+    bench.pass_s(0.1)
+    assert bench.p_tcp_m[0] - begin[0] > 1e-5
+    bench.push((0.0, 0.0, 8.0))
+    bench.pass_s(2.0)
+    assert bench.published().path_left_m == pytest.approx(0.0, abs=1e-3)
+    assert path_x(bench) == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
+
+
+def test_a_tangent_frame_turns_no_faster_than_its_limit() -> None:
+    """Lateral set points turn with it; at the end of a path it keeps its direction."""
+    ahead = np.array([0.0, 0.01, 0.0])
+    R = np.array(tangent_frame(IDENTITY, ahead, np.eye(3), 0.01))
+    assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(0.06)
+    there = np.array(tangent_frame(IDENTITY, np.zeros(3), np.eye(3), 0.01))
+    assert there == pytest.approx(np.eye(3))
+
+
+@given(places, turns, st.lists(places, min_size=1, max_size=4))
+def test_a_point_is_a_pose_whose_height_and_orientation_are_free(place, turn, points) -> None:
+    """Those of where the path begins; across the tool's axis it is the point."""
+    T_from = pin.SE3(pin.exp3(np.array(turn)), np.array(place))
+    poses = path_poses(PathRequest(points_m=tuple(points)), T_from)
+    assert len(poses) == len(points)
+    for point, T in zip(points, poses, strict=True):
+        assert np.array_equal(T.rotation, T_from.rotation)
+        assert T_from.actInv(T).translation[2] == pytest.approx(0.0, abs=1e-12)
+        off_m = T_from.rotation.T @ (T.translation - np.array(point))
+        assert off_m[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
+    """It reports the remaining path, waits without contact, and stops on request."""
+    bench = FollowingBench()
+    bench.push((0.0, 0.0, 5.0))
+    bench.start(PRESS)
+    bench.pass_s(0.1)
+    start = bench.p_tcp_m
+    ahead = tuple(tuple(start + np.array([x, 0.0, 0.3])) for x in (0.01, 0.02))
+    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.04)).accepted
+    bench.pass_s(0.2)
+    halfway = bench.p_tcp_m
+    assert 0.002 < halfway[0] - start[0] < 0.01
+    assert bench.published().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
+    bench.push()
+    bench.pass_s(0.2)
+    stopped_at = bench.p_tcp_m
+    bench.pass_s(0.2)
+    assert bench.p_tcp_m[:2] == pytest.approx(stopped_at[:2], abs=1e-9)
+    bench.push((0.0, 0.0, 5.0))
+    bench.pass_s(1.0)
+    assert bench.p_tcp_m[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
+    assert bench.published().path_left_m == 0.0
+    more = PathRequest(points_m=(tuple(start),), append=True)
+    assert bench.ask(topics.FORCE_PATH, more).accepted
+    bench.pass_s(0.3)
+    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted
+    bench.pass_s(0.1)
+    stopped_at = bench.p_tcp_m
+    bench.pass_s(0.3)
+    assert bench.p_tcp_m == pytest.approx(stopped_at, abs=1e-9)
+
+
+def test_points_lead_a_tool_that_yields_across_its_axis_until_their_end() -> None:
+    """Friction does not push it off the path while there is one, and does afterwards."""
+    bench = PlateBench(ForceStartRequest(mode="position", setpoint_N=PRESS_N, law="plain"))
+    x_m, y_m, z_m = (bench.poses[-1].act(np.array([LENGTH_M, 0.0, 0.0]))).tolist()
+    bench.lateral_N = 1.0
+    path = PathRequest(points_m=((x_m, y_m, z_m),), speed_m_s=FEED_M_S)
+    assert bench.ask(topics.FORCE_PATH, path).accepted
+    bench.pass_s(1.0)
+    aside_m = bench.travel_m()[1]
+    bench.pass_s(0.3)
+    assert (bench.published().path_left_m or 0.0) > 0.0
+    assert bench.travel_m()[1] == pytest.approx(aside_m, abs=1e-5)
+    bench.pass_s(1.0)
+    assert bench.published().path_left_m == 0.0
+    aside_m = bench.travel_m()[1]
+    bench.pass_s(0.5)
+    assert abs(bench.travel_m()[1] - aside_m) > 1e-4
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
+def test_force_and_path_together_are_within_the_speed_limit(direction, share) -> None:
+    """The path takes the rest of the period's motion that the force leaves."""
+    pushed_m = 2e-4 * share * np.array(direction) / max(1.0, float(np.linalg.norm(direction)))
+    x = np.array([1.0, 0.0, 0.0])
+    room = room_m(pushed_m, x, 2e-4)
+    assert room >= 0.0
+    assert np.linalg.norm(pushed_m + room * x) <= 2e-4 * (1 + 1e-9) or room == 0.0
 
 
 # --- check in parts -------------------------------------------------------------------------------

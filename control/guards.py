@@ -14,8 +14,10 @@ four loop delays. Half waves that are much shorter or longer are not caused by t
 counted.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import copysign, hypot
+from typing import NamedTuple
 
 import pinocchio as pin
 
@@ -159,6 +161,7 @@ class GuardState:
     p_search_m: Vec3 | None = None  # where the present search for contact began
     # Of the force and of the torque along each axis.
     swing: list[HalfWaves] = field(default_factory=no_swing)
+    half_waves: int = 0  # that did not decay, of the worst axis
 
 
 def kept_over_restart(before: GuardState) -> GuardState:
@@ -187,16 +190,18 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
     now.first = first = now.first or sample
     now.began_free = first.contact == "approach"
     now.touched = now.touched or sample.contact == "contact"
-    touch_trip = None if now.touched else _first_touch_trip(first, sample, settings)
     if sample.contact != "approach":
         now.p_search_m = None
     elif now.p_search_m is None:
         now.p_search_m = sample.T_base_tcp.translation.tolist()
-    half_waves = [
+    now.half_waves = max(
         swing.update(error, sample.dt_s, least, settings)
         for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True)
-    ]
-    return touch_trip or _monitor_trip(now, sample, settings, half_waves=max(half_waves))
+    )
+    for code, unit, judge in MONITORS:
+        if (found := judge(now, sample, settings)) is not None:
+            return tripped(code, found.text, value=found.value, limit=found.limit, unit=unit)
+    return None
 
 
 def _count_work(now: GuardState, sample: GuardSample) -> None:
@@ -221,14 +226,21 @@ def _count_work(now: GuardState, sample: GuardSample) -> None:
         now.tool_work_J = max(now.tool_work_J - max(work_J, 0.0), 0.0)
 
 
-def _first_touch_trip(
-    first: GuardSample, sample: GuardSample, settings: GuardSettings
-) -> Trip | None:
-    """Return the trip of a touch from free space that does not push back along the press axis.
+# --- monitors -------------------------------------------------------------------------------------
 
-    Only the increase of the force since the first sample counts.
-    """
-    if first.contact != "approach":
+
+class Exceeded(NamedTuple):
+    """Value beyond its limit, in words."""
+
+    value: float
+    limit: float | None
+    text: str
+
+
+def first_touch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+    """Judge the increase of the force at a touch from free space: back along the press axis."""
+    first = now.first or sample
+    if now.touched or first.contact != "approach":
         return None
     grown_N = plus(sample.force_N, first.force_N, -1.0)
     length_N = hypot(*grown_N)
@@ -240,43 +252,59 @@ def _first_touch_trip(
         f"the first touch reads {back_N:.1f} N back along the {axis}, of {length_N:.1f} N: "
         "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
     )
-    return tripped("sensor_sign", text, value=back_N, limit=least_N, unit="N")
+    return Exceeded(back_N, least_N, text)
 
 
-def _monitor_trip(
-    now: GuardState,
-    sample: GuardSample,
-    settings: GuardSettings,
-    *,
-    half_waves: int,
-) -> Trip | None:
-    """Return the trip of the first of these monitors that fires.
+def passivity(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+    """Judge the work of the environment: a press cannot return more than it received.
 
-    - A press is passive: the environment cannot return more work than it received. Along compliant
-      axes anything may push the tool.
-    - Travel in a search for contact is limited.
-    - The force does not oscillate.
+    Along compliant axes anything may push the tool.
     """
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
     is_passive = sample.presses and now.began_free and sample.side_trips
-    if is_passive and more_J > settings.environment_work_J:
-        text = (
-            f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and "
-            f"received {now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, "
-            "or a person pushes"
-        )
-        limit_J = settings.environment_work_J
-        return tripped("sensor_sign", text, value=more_J, limit=limit_J, unit="J")
-    if now.p_search_m is not None:
-        searched_m = plus(sample.T_base_tcp.translation.tolist(), now.p_search_m, -1.0)
-        travel_m = dot(searched_m, sample.press_axis)
-        limit_m = settings.lost_m if now.touched else settings.search_m
-        if travel_m > limit_m:
-            cause = "contact was lost and not found again" if now.touched else "no contact"
-            text = f"{cause} within {limit_m * 1e3:g} mm"
-            return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
-    if half_waves >= HALF_WAVES:
-        height_N = hypot(*sample.error[:3])
-        text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
-        return tripped("oscillation", text, value=height_N, unit="N")
-    return None
+    if not is_passive or more_J <= settings.environment_work_J:
+        return None
+    text = (
+        f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and "
+        f"received {now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, "
+        "or a person pushes"
+    )
+    return Exceeded(more_J, settings.environment_work_J, text)
+
+
+def search(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+    """Judge the travel in a search for contact."""
+    if now.p_search_m is None:
+        return None
+    searched_m = plus(sample.T_base_tcp.translation.tolist(), now.p_search_m, -1.0)
+    travel_m = dot(searched_m, sample.press_axis)
+    limit_m = settings.lost_m if now.touched else settings.search_m
+    if travel_m <= limit_m:
+        return None
+    cause = "contact was lost and not found again" if now.touched else "no contact"
+    return Exceeded(travel_m, limit_m, f"{cause} within {limit_m * 1e3:g} mm")
+
+
+def oscillation(now: GuardState, sample: GuardSample, _: GuardSettings) -> Exceeded | None:
+    """Judge the half waves of the error that did not decay."""
+    if now.half_waves < HALF_WAVES:
+        return None
+    height_N = hypot(*sample.error[:3])
+    text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
+    return Exceeded(height_N, None, text)
+
+
+class Monitor(NamedTuple):
+    """Row of the table of monitors."""
+
+    code: str
+    unit: str
+    judge: Callable[[GuardState, GuardSample, GuardSettings], Exceeded | None]
+
+
+MONITORS = (
+    Monitor("sensor_sign", "N", first_touch),
+    Monitor("sensor_sign", "J", passivity),
+    Monitor("travel", "m", search),
+    Monitor("oscillation", "N", oscillation),
+)

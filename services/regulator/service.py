@@ -33,7 +33,7 @@ from control.guards import (
 )
 from control.law import LawInput, back_calculate, start_at
 from control.laws import LAWS, refuse_unknown_law
-from control.link_lag import CommandHistory
+from control.timing import LoopTiming, SampleTime, TimingSettings
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
 from forcemesh.clock import NS_PER_S
@@ -78,7 +78,6 @@ STOPPED = "stopped"
 STOPPED_REPLY = Reply(accepted=True, text="force feedback is off; the arm stays where it is")
 NOT_RUNNING = tripped("not_armed", "no force feedback is running: start it first")
 CHECKED_S = 0.0005  # of a period, for each sample of the check of a path
-LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
 class Regulator:
@@ -103,9 +102,7 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
-        self._late_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.sensor_hz)
-        self._has_fast_sensor = cell.rates.sensor_hz >= cell.rates.control_hz
-        self._late_report_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
+        self._timing = TimingSettings.of(cell)
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._ramp = SetpointRamp.of(cell, self._settings["plain"].approach_m_s)
@@ -198,20 +195,12 @@ class Regulator:
         T_measured = pose_of(arm) * self._T_flange_tcp
         if session.request.host == "controller":  # it moves the arm: the set point follows the tool
             session.motion.T_base_tcp = T_measured
-        stamp_ns = wrench.header.stamp_ns
-        gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
-        # A wrench may repeat a sample: one of a silent sensor says nothing about the last commands.
-        is_repeated = wrench.origin is not None and wrench.origin == session.origin
-        if gap_s > 0.0 and not (is_repeated and self._has_fast_sensor):
-            # Integrate once per sample, over the time between the samples' stamps.
-            pose_is_new = robot.header is not session.report
-            is_late = gap_s > self._late_s or robot.age_s > self._late_report_s
-            session.last_sample_ns, session.report = stamp_ns, robot.header
-            session.origin = wrench.origin
-            trip = self._advance(
-                session, fresh, arm, T_measured=T_measured, pose_is_new=pose_is_new,
-                dt_s=min(gap_s, LATE_INPUT_PERIODS * self.period_s), is_late=is_late,
-            )  # fmt: skip
+        # Integrate once per sample, over the time between the samples' stamps.
+        time = session.timing.sample(
+            wrench.header.stamp_ns, wrench.origin, robot.header, robot.age_s
+        )
+        if time is not None:
+            trip = self._advance(session, fresh, arm, T_measured=T_measured, time=time)
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)
         self.fault = ""
@@ -231,9 +220,7 @@ class Regulator:
         robot: RobotState,
         *,
         T_measured: pin.SE3,
-        pose_is_new: bool,
-        dt_s: float,
-        is_late: bool,
+        time: SampleTime,
     ) -> Trip | None:
         """Advance the session by one sample: law, path, monitors, and the controller's gains."""
         request, before, settings = session.request, session.motion, self._settings[session.law]
@@ -241,27 +228,25 @@ class Regulator:
         command = released.fresh
         if command is not None and request.host == "pc":  # also before its first set point
             unanswered_s = (self._now_ns - self._put_ns[0]) / NS_PER_S
-            is_late = is_late or released.age_s > unanswered_s  # two targets without an answer
+            is_late = time.is_late or released.age_s > unanswered_s  # two without an answer
+            time = time._replace(is_late=is_late)
         if command is None or command.pose is None:
             pose = record_of(before.T_base_tcp * self._T_tcp_flange)
         else:  # the arbiter's limits may delay the law's command
             pose = command.pose
             if command.limited:
                 before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
-        session.task = ramped_task(session, dt_s, self._gains, self._ramp)
+        session.task = ramped_task(session, time.dt_s, self._gains, self._ramp)
         if session.gains is not self._pi_gains:
-            session.gains = session.gains.ramped(self._pi_gains, dt_s)
-        gain_share = borne_share(
-            session, pose, robot if pose_is_new else None,
-            dt_s=dt_s, is_late=is_late, settings=self._delay,
-        )  # fmt: skip
+            session.gains = session.gains.ramped(self._pi_gains, time.dt_s)
+        gain_share = borne_share(session, pose, robot, time=time, settings=self._delay)
         gains = session.gains.times(gain_share)
         sample = LawInput(
-            wrench.force_N, wrench.torque_Nm, session.task, dt_s, gains, before,
-            T_measured, pose_is_new, gain_share,
+            wrench.force_N, wrench.torque_Nm, session.task, time.dt_s, gains, before,
+            T_measured, time.pose_is_new, gain_share,
         )  # fmt: skip
         move(
-            session, sample, command=pose, sent=robot.sent, is_late=is_late,
+            session, sample, command=pose, sent=robot.sent, is_late=time.is_late,
             T_flange_tcp=self._T_flange_tcp, settings=settings, compliance=self._compliance,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip
@@ -349,10 +334,11 @@ class Regulator:
                 self._pi_gains,
                 start_at(T_measured),
                 self._begin(law, goal, T_measured, T_measured),
-                last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
                 watch=GuardState(),
                 compliance=ComplianceState.at(goal, T_measured, T_measured),
-                commanded=CommandHistory.of(cell),
+                timing=LoopTiming(
+                    self._timing, wrench.header.stamp_ns if wrench.header else self._now_ns
+                ),
             )
         else:
             is_same = change_task(session, request, goal, first)

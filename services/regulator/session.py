@@ -15,9 +15,8 @@ from control.gains import PiGains, held_gains
 from control.guards import GuardState, kept_over_restart
 from control.law import LawInput, LawMotion, back_calculate
 from control.laws import LAWS
-from control.link_lag import CommandHistory
 from control.path_follower import PathFollower, tangent_frame
-from forcemesh.codec import Header
+from control.timing import LoopTiming, SampleTime
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
     ZERO3,
@@ -31,7 +30,6 @@ from forcemesh.messages import (
     RegulatorTarget,
     RobotState,
 )
-from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
 from services.regulator.task_request import next_setpoint, ramped, same_frame, task_mode
 
@@ -65,10 +63,9 @@ class ForceSession:
     gains: PiGains  # ramped
     motion: LawMotion
     state: Any  # of the law
-    last_sample_ns: int
     watch: GuardState
     compliance: ComplianceState
-    commanded: CommandHistory  # recent commands, with the PC as host
+    timing: LoopTiming
     owner: ForceOwner = NEW
     axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
     delay: DelayWatch = field(default_factory=DelayWatch)
@@ -76,8 +73,6 @@ class ForceSession:
     rest_s: float = 0.0  # until the commands released before a late input have arrived
     path: PathFollower | None = None  # if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
-    origin: Origin | None = None  # sensor sample of the last wrench
-    report: Header | None = None  # of the robot's last one
     failed: RegulatorTarget | None = None  # latched: an input failed, or a monitor tripped
 
     @property
@@ -116,12 +111,12 @@ def move(
     newer ones were not sent. A law that predicts starts without the commands in flight, so it
     rests until they have arrived.
     """
-    law, commanded = LAWS[session.law], session.commanded
-    lags = commanded.lags(command, sample.dt_s, sent)
+    law, timing = LAWS[session.law], session.timing
+    lags = timing.lags(command, sample.dt_s, sent)
     is_late = is_late or lags
     session.rest_s = max(0.0, session.rest_s - sample.dt_s)
     if is_late and law.predicts and session.path is None:
-        session.rest_s = commanded.window_s
+        session.rest_s = timing.settings.window_s
     if not is_late and session.rest_s == 0.0:
         session.state, motion = law.step(session.state, sample, settings)
         session.motion = comply(session.compliance, sample, motion, compliance)
@@ -135,7 +130,7 @@ def move(
     else:
         T_base_tcp = session.motion.T_base_tcp  # at rest: where the rest began
         if is_late:
-            T_base_tcp = pose_of(commanded.restart() if lags else command) * T_flange_tcp
+            T_base_tcp = pose_of(timing.restart() if lags else command) * T_flange_tcp
         session.motion = back_calculate(sample.motion, T_base_tcp)
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)
@@ -186,10 +181,9 @@ def ramped_task(session: ForceSession, dt_s: float, gains: Gains, ramp: Setpoint
 def borne_share(
     session: ForceSession,
     command: PoseRecord,
-    robot: RobotState | None,
+    robot: RobotState,
     *,
-    dt_s: float,
-    is_late: bool,
+    time: SampleTime,
     settings: DelayWatchSettings,
 ) -> float:
     """Advance the watch of the delay by one sample; return the share of the gains that it permits.
@@ -197,16 +191,15 @@ def borne_share(
     Args:
         session: Its watch is advanced.
         command: Released by the arbiter.
-        robot: A new report, or None.
-        dt_s: Time since the last sample.
-        is_late: An input is late.
+        robot: Its last report.
+        time: Of the sample.
         settings: Constants of the watch.
     """
-    delay = session.delay
+    delay, (dt_s, pose_is_new, is_late) = session.delay, time
     if session.request.host == "pc":  # the commands of a controller's own loop are not reported
-        measured_m = None if robot is None else robot.position_m
+        measured_m = robot.position_m if pose_is_new else None
         delay.follow(command.position_m, measured_m, dt_s=dt_s, is_late=is_late, settings=settings)
-    if robot is not None:
+    if pose_is_new:
         delay.follow_link(robot.link.round_trip_s, dt_s)
     delay.ramp(dt_s, settings)
     return delay.share
@@ -253,7 +246,7 @@ def valid_target(
         error_torque_Nm=motion.error_torque_Nm or ZERO3,
         frame=request.task.frame if request.task else None,
         axes=session.axes,
-        wrench_stamp_ns=session.last_sample_ns,
+        wrench_stamp_ns=session.timing.sample_ns,
         round_trip_s=tau_s + session.delay.excess_now_s,
         modelled_round_trip_s=tau_s,
         gain_share=session.delay.share,

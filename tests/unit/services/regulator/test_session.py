@@ -6,7 +6,7 @@ import pytest
 
 from common.motion.convert import record_of, vec3
 from common.motion.frames import rotation_from_vector
-from control.link_lag import CommandHistory
+from control.timing import TimingSettings
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, RobotCommand, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
@@ -103,7 +103,7 @@ def test_a_law_that_predicts_rests_until_the_released_commands_have_arrived(dela
     rest = bench.T_base_tcp().translation[2]
     bench.pass_s(delay_s)
     assert bench.T_base_tcp().translation[2] == rest
-    bench.pass_s(CommandHistory.of(cell).window_s)
+    bench.pass_s(TimingSettings.of(cell).window_s)
     assert bench.T_base_tcp().translation[2] > rest
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from control.link_lag import CommandHistory
+from control.timing import LoopTiming, TimingSettings
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import UNIT_QUATERNION, ZERO3, PoseRecord
@@ -22,13 +22,13 @@ from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 from tests.fakes.stalling_wire import StallingWire
 
-WINDOW = int(CommandHistory.of(CELL).window_s / PERIOD_S)  # commands kept in addition to the newest
+WINDOW = int(TimingSettings.of(CELL).window_s / PERIOD_S)  # commands kept in addition to the newest
 
 
 def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
     """Only the first pose of a steady motion was sent; after the rest was sent nothing lags."""
     first = command = PoseRecord(position_m=ZERO3, orientation_xyzw=UNIT_QUATERNION)
-    commanded = CommandHistory.of(CELL)
+    commanded = LoopTiming(TimingSettings.of(CELL), 0)
     assert not commanded.lags(command, PERIOD_S, command)
     for number in range(1, 3 * WINDOW):
         command = command.replaced(position_m=(0.0, 0.0, 1e-4 * number))

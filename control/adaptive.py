@@ -283,7 +283,7 @@ def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveS
     forces_N = rotated_back(R_base_task, plus(sample.force_N, model.acceleration, inertia_kg))
     speeds_m_s = rotated_back(R_base_task, model.speed)
     for axis, force_N in enumerate(forces_N):
-        if not sample.task.yields[axis]:
+        if not sample.task.force_along[axis]:
             continue
         stiffness = state.stiffness[axis]
         if sample.pose_is_new:
@@ -307,8 +307,9 @@ def gain_for(
 
     Half the sample period is part of the loop delay, so a late sample lowers the gain; a slow loop
     tolerates less inertia compensation and less prediction. A requested gain below the gain rule's
-    reduces the gain by the same share. The gain share of the delay watch, which the requested gains
-    contain, does so too; and as the delay model is wrong then, prediction fades as in a slow loop.
+    reduces the gain by the same share. The gain share of the delay monitor, which the requested
+    gains contain, does so too; and as the delay model is wrong then, prediction fades as in a slow
+    loop.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
     slow = slowness(dt_s)

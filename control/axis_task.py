@@ -35,8 +35,8 @@ class VirtualMass:
 class AxisTask:
     """Task frame, controlled axes and set points of one period, in the axes of the frame."""
 
-    yields: Flags = ALL  # axes along which force control moves the tool
-    turns: Flags = NONE  # axes about which torque control turns it
+    force_along: Flags = ALL  # axes along which force control moves the tool
+    torque_about: Flags = NONE  # axes about which torque control turns it
     force_N: Vec3 = ZERO3  # set point: force of the tool on its environment
     torque_Nm: Vec3 = ZERO3  # the same about the TCP, or about the origin
     R_task: Rows | None = None  # axes of the frame in base or in the TCP frame; None: tool axes
@@ -46,20 +46,27 @@ class AxisTask:
     deadbands: tuple[Limits, Limits] = (CELLS, CELLS)  # of force [N] and torque [N m]
     speeds: tuple[Limits | None, Limits | None] = (None, None)  # [m/s], [rad/s]
 
-    shifts: tuple[VirtualMass | None, ...] = (None,) * 3  # axes along which the tool complies
-    swings: tuple[VirtualMass | None, ...] = (None,) * 3  # axes about which it complies
+    compliant_along: tuple[VirtualMass | None, ...] = (
+        None,
+    ) * 3  # axes along which the tool complies
+    compliant_about: tuple[VirtualMass | None, ...] = (None,) * 3  # axes about which it complies
     deviations: tuple[Limits, Limits] = (CELLS, CELLS)  # from the reference [m], [rad]
 
     @property
     def complies(self) -> bool:
         """Whether an axis follows a virtual mass."""
-        return any(each is not None for each in (*self.shifts, *self.swings))
+        return any(each is not None for each in (*self.compliant_along, *self.compliant_about))
 
     @property
     def held(self) -> tuple[Flags, Flags]:
         """Axes along and about which neither a set point nor compliance moves the tool."""
-        x, y, z = [not a and b is None for a, b in zip(self.yields, self.shifts, strict=True)]
-        rx, ry, rz = [not a and b is None for a, b in zip(self.turns, self.swings, strict=True)]
+        x, y, z = [
+            not a and b is None for a, b in zip(self.force_along, self.compliant_along, strict=True)
+        ]
+        rx, ry, rz = [
+            not a and b is None
+            for a, b in zip(self.torque_about, self.compliant_about, strict=True)
+        ]
         return (x, y, z), (rx, ry, rz)
 
     @property

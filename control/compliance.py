@@ -124,7 +124,9 @@ class ComplianceState:
 
 def referring(task: AxisTask) -> tuple[object, ...]:
     """Return the axes of a task that refer to a reference, and their limits."""
-    return tuple(each is not None for each in (*task.shifts, *task.swings)), task.deviations
+    return tuple(
+        each is not None for each in (*task.compliant_along, *task.compliant_about)
+    ), task.deviations
 
 
 def comply(
@@ -195,14 +197,14 @@ def _speeds_along(
     force_N = rotated_back(sample.R_base_task, sample.force_N)
     _update_stiffness(state, sample, force_N, settings)
     rule_s = settings.tau_s / (LOOP_GAIN * sample.gain_share)  # damping over stiffness
-    used = [each or VirtualMass() for each in task.shifts]
+    used = [each or VirtualMass() for each in task.compliant_along]
     damping_Ns_m = [
         max(rule_s * (k + each.stiffness), each.damping or 0.0)
         for k, each in zip(state.k_N_m, used, strict=True)
     ]
     drag_N = product(damping_Ns_m, state.speed_m_s)
     width_N = max(rest_N - NARROWS * hypot(*drag_N), NARROWEST * rest_N)
-    complies = [each is not None for each in task.shifts]
+    complies = [each is not None for each in task.compliant_along]
     # A deadband that widens as the tool comes to rest would let a spring pull it back into motion.
     x, y, z = [
         rest_N if own is None and each.stiffness > 0.0 else own
@@ -225,13 +227,13 @@ def _speeds_about(
 ) -> Vec3:
     """Return the angular speeds about the compliant axes, task axes [rad/s]. Shape (3,)."""
     task, gains = sample.task, sample.gains.torque_i_rad_per_Nms
-    if not any(task.swings):
+    if not any(task.compliant_about):
         return ZERO3
-    complies = [each is not None for each in task.swings]
+    complies = [each is not None for each in task.compliant_about]
     torque_Nm = product(rotated_back(sample.R_base_task, sample.task_torque_Nm()), complies)
     load_Nm = task_deadband(torque_Nm, settings.deadband_Nm, 0.0, task.deadbands[1])
     least = 1.0 / max(min(gains), LEAST_GAIN)
-    used = [each or VirtualMass() for each in task.swings]
+    used = [each or VirtualMass() for each in task.compliant_about]
     loads = zip(state.speed_rad_s, load_Nm, used, away_rad, strict=True)
     speeds = [
         virtual_step(

@@ -66,7 +66,10 @@ def held_gains(gains: Gains, task: AxisTask, R_base_task: Rows) -> Gains:
             or not moves
             for row in R_base_task
         ]
-        for flags, moves in ((task.yields, any(task.yields)), (task.turns, any(task.turns)))
+        for flags, moves in (
+            (task.force_along, any(task.force_along)),
+            (task.torque_about, any(task.torque_about)),
+        )
     )
     if all(along) and all(about):
         return gains

@@ -29,7 +29,7 @@ from forcemesh.faults import tripped
 from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
-SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
+RETURNED_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
 ALONG_TOOL = 0.99  # cosine of the angle up to which a press is along the tool
 MAIN_PART = 0.7  # share of the first force along the tool axis: within 45 degrees of it
 HALF_WAVES = 10  # five periods
@@ -98,7 +98,7 @@ class HalfWaves:
         return self.count
 
 
-def no_swing() -> list[HalfWaves]:
+def no_waves() -> list[HalfWaves]:
     """Return the initial state of the six errors."""
     return [HalfWaves() for _ in range(6)]
 
@@ -160,7 +160,7 @@ class GuardState:
     tool_work_J: float = 0.0  # work done by the tool
     p_search_m: Vec3 | None = None  # where the present search for contact began
     # Of the force and of the torque along each axis.
-    swing: list[HalfWaves] = field(default_factory=no_swing)
+    waves: list[HalfWaves] = field(default_factory=no_waves)
     half_waves: int = 0  # that did not decay, of the worst axis
 
 
@@ -172,7 +172,7 @@ def kept_over_restart(before: GuardState) -> GuardState:
     is_free = before.worked is not None and before.worked.contact != "contact"
     if not before.touched or (is_free and not before.began_free):
         return GuardState()
-    return replace(before, p_search_m=None, swing=no_swing())
+    return replace(before, p_search_m=None, waves=no_waves())
 
 
 def unchecked_axes(wrench: WrenchAtTcp, *, torques: bool = False) -> Trip | None:
@@ -196,7 +196,7 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
         now.p_search_m = sample.T_base_tcp.translation.tolist()
     now.half_waves = max(
         swing.update(error, sample.dt_s, least, settings)
-        for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True)
+        for swing, error, least in zip(now.waves, sample.error, settings.half_wave, strict=True)
     )
     for code, unit, judge in MONITORS:
         if (found := judge(now, sample, settings)) is not None:
@@ -260,7 +260,7 @@ def passivity(now: GuardState, sample: GuardSample, settings: GuardSettings) -> 
 
     Along compliant axes anything may push the tool.
     """
-    more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
+    more_J = now.environment_work_J - (1.0 + RETURNED_PART) * now.tool_work_J
     is_passive = sample.presses and now.began_free and sample.side_trips
     if not is_passive or more_J <= settings.environment_work_J:
         return None

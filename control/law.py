@@ -100,7 +100,7 @@ class LawInput:
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
-    gain_share: float = 1.0  # already in the gains: see delay_watch.py
+    gain_share: float = 1.0  # already in the gains: see delay_monitor.py
     R_base_task: Rows = field(init=False)  # at the motion so far
     arm_m: Vec3 = field(init=False, default=ZERO3)  # from the frame's origin to the TCP
     press_axis: Vec3 = field(init=False)  # direction of the force set point, base axes
@@ -116,12 +116,12 @@ class LawInput:
     @property
     def moves(self) -> bool:
         """Whether force control moves the tool along any axis."""
-        return any(self.task.yields)
+        return any(self.task.force_along)
 
     @property
     def rotates(self) -> bool:
         """Whether torque control turns it about any axis."""
-        return any(self.task.turns)
+        return any(self.task.torque_about)
 
     def task_torque_Nm(self) -> Vec3:
         """Return the torque about the origin of the frame, or about the TCP. Shape (3,)."""
@@ -132,12 +132,12 @@ class LawInput:
     def along(self, motion: Vec3, dt_s: float = 1.0) -> Vec3:
         """Return a translation in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
         task = self.task
-        return masked(motion, task.yields, self.R_base_task, task.speeds[0], share=dt_s)
+        return masked(motion, task.force_along, self.R_base_task, task.speeds[0], share=dt_s)
 
     def about(self, turn: Vec3, dt_s: float = 1.0) -> Vec3:
         """Return a rotation vector in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
         task = self.task
-        return masked(turn, task.turns, self.R_base_task, task.speeds[1], share=dt_s)
+        return masked(turn, task.torque_about, self.R_base_task, task.speeds[1], share=dt_s)
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawMotion:

@@ -84,7 +84,7 @@ class TaskPilot:
             return self._law.step(sample, task)
         R = task.R_base_task(sample.T_base_tcp.rotation.tolist())
         error_N = sample.force_N + np.array(R) @ task.force_N
-        error_N = np.array(masked(vec3(error_N), task.yields, R))
+        error_N = np.array(masked(vec3(error_N), task.force_along, R))
         return self._law.step(replace(sample, force_N=error_N))
 
 
@@ -128,7 +128,7 @@ def _reached(pilot: TaskPilot, trace: Trace) -> Row:
     t, goal = np.array(trace.t_s), pilot.goal
     R = np.array(goal.R_base_task(pilot.rig.arm.T_base_tcp.rotation.tolist()))
     exerted_N = -np.array(trace.force_N) @ R
-    error_N = (exerted_N - goal.force_N)[:, np.array(goal.yields)]
+    error_N = (exerted_N - goal.force_N)[:, np.array(goal.force_along)]
     beyond_N = -error_N * np.sign(error_N[0])  # in the direction of the change
     return {
         "settling_s": settling_s(t, _smooth(trace, error_N)),

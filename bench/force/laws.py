@@ -102,7 +102,7 @@ class GuidingRunner(LawRunner):
 
     def task(self) -> AxisTask:
         """Return the task of every period."""
-        return AxisTask(yields=NONE, shifts=(VirtualMass(),) * 3)
+        return AxisTask(force_along=NONE, compliant_along=(VirtualMass(),) * 3)
 
     def move(self, given: LawInput) -> LawMotion:
         """Return the motion of the compliant axes."""

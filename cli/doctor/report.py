@@ -45,7 +45,7 @@ from common.config.cell import CellConfig, GatewaySection
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
-from control.delay_watch import DelayWatchSettings
+from control.delay_monitor import DelayMonitorSettings
 from controller.packet_table import Status, greeted
 from forcemesh import topics
 from forcemesh.bus import Reading
@@ -267,7 +267,7 @@ def _loop_delay_lines(
     numbers = health.numbers if isinstance(health, Health) else {}
     if "loop_delay_s" not in numbers:
         return []
-    settings = DelayWatchSettings.of(cell)
+    settings = DelayMonitorSettings.of(cell)
     return [
         check_loop_delay(
             numbers["loop_delay_s"],

@@ -22,10 +22,10 @@ from forcemesh.messages import (
     Trip,
 )
 from forcemesh.requests import MoveRequest, Reply
-from services.arbiter import freeing
+from services.arbiter import backing_off
 from services.arbiter import inputs as input_checks
+from services.arbiter.backing_off import BackingOff
 from services.arbiter.commanders import REST_S, Commanders, CommandStep, PendingMove
-from services.arbiter.freeing import Freeing
 from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import (
     LEAST_REPORTS,
@@ -69,7 +69,7 @@ class Arbiter:
         self._terms = Terms.of(cell)
         self._check = ArmCheck(cell, ARBITER_SLACK)
         self._stream_limits = retreat_limits(self._terms.limits, cell.force)
-        self._freeing: Freeing | None = None
+        self._backing_off: BackingOff | None = None
         self._space = JointSpace.of(cell)
         rest_s = max(REST_S, LEAST_REPORTS / cell.rates.robot_hz)
         self._commanders = Commanders(rest_s, self._space)
@@ -104,7 +104,7 @@ class Arbiter:
             self.stop("fault", trip)
         command = None
         if self.state in MAY_MOVE:
-            blind = self._freeing is not None and self._freeing.blind
+            blind = self._backing_off is not None and self._backing_off.blind
             faults = (
                 (lost_blind if blind else lost)
                 or input_checks.robot_faults(inputs)
@@ -186,8 +186,8 @@ class Arbiter:
         trip = trip or self._check.arm(
             tick.T_measured, robot.joint_rad, tick.stamp_ns, now_ns=tick.now_ns
         )
-        if trip is None and self._freeing is not None:
-            trip = self._freeing.freed(tick.T_measured, wrench)
+        if trip is None and self._backing_off is not None:
+            trip = self._backing_off.freed(tick.T_measured, wrench)
         # A robot that has drawn a new challenge, or still holds: its own checks found a cause.
         leased_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
         holds = robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S
@@ -197,7 +197,7 @@ class Arbiter:
             return trip
         target = inputs.target.message
         if target is None or target.valid or target.mode is None:
-            return inputs.watched.feedback
+            return inputs.monitored.feedback
         row = FAULTS.get(target.code)
         code = "regulator" if row is None or row.kind == "REFUSAL" else row.code
         return tripped(code, f"the regulator gave up: {target.reason}")
@@ -210,8 +210,8 @@ class Arbiter:
             step = self._commanders.step(robot, target, self._check, tick, trips=self.trips)
             if step.event:
                 self._note(step)
-            if self._freeing is not None and step.event == "end":
-                end = self._freeing.at_its_end(tick.T_measured, inputs.wrench.fresh)
+            if self._backing_off is not None and step.event == "end":
+                end = self._backing_off.at_its_end(tick.T_measured, inputs.wrench.fresh)
                 self.stop("hold", *(step.trips or (end,)))
                 return None
             if step.stop is None:
@@ -280,12 +280,12 @@ class Arbiter:
     def stop(self, event: str, *trips: Trip) -> None:
         """Stop and latch. A second cause is added to the first one."""
         stopped = self._stopping is not None or self.state not in MAY_MOVE
-        if self._freeing is not None and self._freeing.blind:
+        if self._backing_off is not None and self._backing_off.blind:
             event = "fault"  # the unknown force is still a fault
-            trips = (*trips, *self._freeing.unknown)
+            trips = (*trips, *self._backing_off.unknown)
         self.trips = recent((*self.trips, *trips) if stopped else trips)
         self._commanders.drop()
-        self._stopping = self._freeing = None
+        self._stopping = self._backing_off = None
         self.state = after(self.state, event)
 
     # --- requests ---------------------------------------------------------------------------------
@@ -323,7 +323,7 @@ class Arbiter:
         )
 
     def _begin_lease(self, purpose: Purpose, robot: RobotState, inputs: Inputs) -> None:
-        self._armed_for, self._freeing = purpose, None
+        self._armed_for, self._backing_off = purpose, None
         self._check = ArmCheck(self._terms.cell, ARBITER_SLACK)  # nothing of the last lease
         self._check.start(pose_of(robot), purpose)
         self._resting.explain()
@@ -342,18 +342,18 @@ class Arbiter:
             inputs: Present snapshot.
             confirmed: Whether a person has agreed to back off without a measured force.
         """
-        robot, blind = inputs.robot.fresh, freeing.is_blind(inputs)
+        robot, blind = inputs.robot.fresh, backing_off.is_blind(inputs)
         if "back_off" not in TABLE[self.state]:
             return refusal("state", f"the arbiter is {self.state}: hold first")
         since_ns = self._blind_since_ns if blind else self._good_since_ns
         not_ready = self._failed_checks(inputs, since_ns, "back_off", blind=blind)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
-        plan = freeing.begin(inputs, robot, self._terms, confirmed=confirmed)
+        plan = backing_off.begin(inputs, robot, self._terms, confirmed=confirmed)
         if isinstance(plan, Trip):
             return refused(plan)
         self._begin_lease("back_off", robot, inputs)
-        self._freeing = plan
+        self._backing_off = plan
         self._check.wrench(plan.wrench)
         move = PendingMove("operator", plan.goal, plan.speed, inputs.now_ns)
         reply, step = self._commanders.ask(move, robot, self._check)
@@ -392,7 +392,7 @@ class Arbiter:
         robot = inputs.robot.fresh
         if self.state not in MAY_MOVE or self._stopping is not None or robot is None:
             return refusal("not_armed", f"the arbiter is {self.state}: {CLEARS[self.state]}")
-        if self._freeing is not None:
+        if self._backing_off is not None:
             return refusal("busy", "the arm is backing off: wait until it has ended, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = self._speed

@@ -22,7 +22,7 @@ Writers = dict[str, int]  # topic: epoch of its publisher
 COMMANDING = ("robot", "sensor", "wrench", "regulator")  # roles whose loops motion depends on
 
 
-class Watched(NamedTuple):
+class Monitored(NamedTuple):
     """Faults found over several snapshots (watch.py)."""
 
     faults: Sequence[Trip] = ()  # they end motion
@@ -31,7 +31,7 @@ class Watched(NamedTuple):
     feedback: Trip | None = None  # why running force feedback must end
 
 
-NOTHING_FOUND = Watched()
+NOTHING_FOUND = Monitored()
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Inputs:
     wrench: Reading[WrenchAtTcp]
     target: Reading[RegulatorTarget]
     health: dict[str, Reading[Health]]
-    watched: Watched = NOTHING_FOUND
+    monitored: Monitored = NOTHING_FOUND
 
     @property
     def streams(self) -> dict[str, Reading[Any]]:
@@ -100,7 +100,7 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
             rivals.append(tripped("two_writers", f"two processes write {topic}"))
         if reading.fault and topic not in not_required:
             lost.append(_lost(reading, is_sensor=reading is inputs.sensor))
-    return [*rivals, *lost, *overruns, *inputs.watched.faults]
+    return [*rivals, *lost, *overruns, *inputs.monitored.faults]
 
 
 def overrun_trip(role: str, overruns: int, longest_gap_s: float, cause: str = "") -> Trip:

@@ -23,7 +23,7 @@ from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip
 from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, missing, robot_faults
-from services.arbiter.watch import slow_start_trip
+from services.arbiter.monitors import slow_start_trip
 from tuning.forecast_text import arming_text
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
@@ -99,7 +99,7 @@ def _steady(context: PreflightContext) -> list[Trip]:
 
 def _at_rest(context: PreflightContext) -> list[Trip]:
     """Check the time at one pose, which while holding is the commanded one."""
-    rest_s, needed_s = context.inputs.watched.rest_s, context.terms.rest_s
+    rest_s, needed_s = context.inputs.monitored.rest_s, context.terms.rest_s
     if rest_s >= needed_s:
         return []
     text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
@@ -232,7 +232,7 @@ CHECKS: tuple[Check, ...] = (
     Check("the calibration is valid for tool and sensor", _calibration, FORCE),
     Check("axes and signs of the sensor were checked with it", _axes, FORCE),
     Check("the residual force in free space is small",
-          lambda context: [context.inputs.watched.residual], FORCE),
+          lambda context: [context.inputs.monitored.residual], FORCE),
     Check("the stiffness suits the controller, the approach is slow enough for it",
           lambda context: context.terms.contact, FORCE),
     Check("the controller is as fast as in the cell file",

@@ -11,7 +11,7 @@ from forcemesh.messages import ArbiterState, Trip
 from forcemesh.requests import Reply
 from services.arbiter.core import FIRST_NUMBERS, Arbiter
 from services.arbiter.inputs import Inputs
-from services.arbiter.watch import InputMonitors
+from services.arbiter.monitors import InputMonitors
 
 
 class ArbiterService:

@@ -153,7 +153,7 @@ def _refused_poses(
         return tripped("setpoint", "a path has points or poses, not both")
     if not request.poses:
         return None
-    if all(session.goal.yields):
+    if all(session.goal.force_along):
         text = (
             "the force controls every axis, none is left to a path of poses: start force feedback "
             "with axes held, such as --axes z=force:10"
@@ -177,7 +177,7 @@ def shares_path(session: ForceSession) -> bool:
     R_base_tcp = session.motion.T_base_tcp.rotation
     R_base_task = np.array(session.goal.R_base_task(R_base_tcp.tolist()))
     across = np.sqrt(1.0 - np.minimum((R_base_tcp[:, 2] @ R_base_task) ** 2, 1.0))
-    return bool(np.any(across[np.array(session.goal.yields)] > ACROSS))
+    return bool(np.any(across[np.array(session.goal.force_along)] > ACROSS))
 
 
 def _pose_outside(poses: list[pin.SE3], cell: CellConfig) -> Trip | None:

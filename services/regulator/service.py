@@ -16,9 +16,9 @@ from common.motion.joint_space import JointSpace
 from control.adaptive import ContactStiffness
 from control.axis_task import AxisTask
 from control.compliance import ComplianceSettings, ComplianceState, axis_states
-from control.delay_watch import (
-    DelayWatch,
-    DelayWatchSettings,
+from control.delay_monitor import (
+    DelayMonitor,
+    DelayMonitorSettings,
     share_to_send,
 )
 from control.gain_rule import instability, tune
@@ -27,7 +27,7 @@ from control.guards import (
     GuardSample,
     GuardSettings,
     GuardState,
-    no_swing,
+    no_waves,
     unchecked_axes,
     watch,
 )
@@ -108,8 +108,8 @@ class Regulator:
         self._ramp = SetpointRamp.of(cell, self._settings["plain"].approach_m_s)
         self._compliance = ComplianceSettings.of(cell)
         self._guards = GuardSettings.of(cell)
-        self._delay = DelayWatchSettings.of(cell)
-        self._last_delay: DelayWatch | None = None  # of the last session
+        self._delay = DelayMonitorSettings.of(cell)
+        self._last_delay: DelayMonitor | None = None  # of the last session
         self._contact: ContactStiffness | None = None  # identified by the last session
         self._use_gains(tune(cell).gains)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
@@ -260,7 +260,7 @@ class Regulator:
             session.sent_share = share_to_send(session.sent_share, session.delay.share)
         trip = watch(session.watch, GuardSample.of(sample, session.motion), self._guards)
         if trip is not None and trip.code == "oscillation" and session.delay.lower():
-            session.watch.swing, trip = no_swing(), None  # counted anew at the lowered gains
+            session.watch.waves, trip = no_waves(), None  # counted anew at the lowered gains
         return trip
 
     def _owned(

@@ -10,7 +10,7 @@ from common.motion.convert import pose_of, record_of
 from common.motion.frames import dot, product, rotated, rotated_back, scaled
 from control.axis_task import IDENTITY, AxisTask
 from control.compliance import ComplianceSettings, ComplianceState, comply
-from control.delay_watch import DelayWatch, DelayWatchSettings, scaled_gains
+from control.delay_monitor import DelayMonitor, DelayMonitorSettings, scaled_gains
 from control.gains import PiGains, held_gains
 from control.guards import GuardState, kept_over_restart
 from control.law import LawInput, LawMotion, back_calculate
@@ -68,7 +68,7 @@ class ForceSession:
     timing: LoopTiming
     owner: ForceOwner = NEW
     axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
-    delay: DelayWatch = field(default_factory=DelayWatch)
+    delay: DelayMonitor = field(default_factory=DelayMonitor)
     sent_share: float = 1.0  # of the gains sent to the controller
     rest_s: float = 0.0  # until the commands released before a late input have arrived
     path: PathFollower | None = None  # if there is one
@@ -184,16 +184,16 @@ def borne_share(
     robot: RobotState,
     *,
     time: SampleTime,
-    settings: DelayWatchSettings,
+    settings: DelayMonitorSettings,
 ) -> float:
-    """Advance the watch of the delay by one sample; return the share of the gains that it permits.
+    """Advance the delay monitor by one sample; return the share of the gains that it permits.
 
     Args:
-        session: Its watch is advanced.
+        session: Its monitor is advanced.
         command: Released by the arbiter.
         robot: Its last report.
         time: Of the sample.
-        settings: Constants of the watch.
+        settings: Constants of the monitor.
     """
     delay, (dt_s, pose_is_new, is_late) = session.delay, time
     if session.request.host == "pc":  # the commands of a controller's own loop are not reported
@@ -224,7 +224,7 @@ def valid_target(
     else:
         R = session.task.R_base_task(T.rotation.tolist())
         # A turn about the contact moves the TCP, also along a held axis.
-        lever_m = motion.lever_m if all(session.goal.yields) else None
+        lever_m = motion.lever_m if all(session.goal.force_along) else None
         feedback = Feedback(
             mode=mode,
             setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),

@@ -52,8 +52,8 @@ def request_task(
     force_N = _three([axis.setpoint for axis in axes[:3]])
     x, y, z, rx, ry, rz = (axis.control == "force" for axis in axes)
     return AxisTask(
-        yields=(x, y, z),
-        turns=(rx, ry, rz),
+        force_along=(x, y, z),
+        torque_about=(rx, ry, rz),
         force_N=force_N,
         # Less could be noise: a contact at it would be taken for lost, and searched at full speed.
         searches=hypot(*force_N) > SEARCHED_DEADBANDS * cell.force.deadband_N,
@@ -66,8 +66,8 @@ def request_task(
             _limits([axis.deadband for axis in axes[3:]]),
         ),
         speeds=(_speeds(axes[:3]), _speeds(axes[3:])),
-        shifts=tuple(map(_virtual_mass, axes[:3])),
-        swings=tuple(map(_virtual_mass, axes[3:])),
+        compliant_along=tuple(map(_virtual_mass, axes[:3])),
+        compliant_about=tuple(map(_virtual_mass, axes[3:])),
         deviations=(
             _limits([axis.deviation_max for axis in axes[:3]]),
             _limits([_turn_limit(axis) for axis in axes[3:]]),
@@ -77,8 +77,8 @@ def request_task(
 
 def task_mode(task: AxisTask) -> Mode:
     """Return the mode of the specification that controls as many kinds of motion as a task."""
-    turns = any(task.turns) or any(each is not None for each in task.swings)
-    moves = any(task.yields) or any(each is not None for each in task.shifts)
+    turns = any(task.torque_about) or any(each is not None for each in task.compliant_about)
+    moves = any(task.force_along) or any(each is not None for each in task.compliant_along)
     return "both" if turns and moves else "orientation" if turns else "position"
 
 
@@ -117,8 +117,8 @@ def next_setpoint(before: AxisTask, first: AxisTask) -> AxisTask:
     """
     return replace(
         first,
-        force_N=_continued(before.force_N, first.force_N, before.yields),
-        torque_Nm=_continued(before.torque_Nm, first.torque_Nm, before.turns),
+        force_N=_continued(before.force_N, first.force_N, before.force_along),
+        torque_Nm=_continued(before.torque_Nm, first.torque_Nm, before.torque_about),
     )
 
 

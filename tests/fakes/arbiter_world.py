@@ -32,7 +32,7 @@ from forcemesh.requests import MoveRequest
 from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
-from services.arbiter.watch import InputMonitors
+from services.arbiter.monitors import InputMonitors
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 ROLES = [role for role in topics.ROLES if role != "arbiter"]

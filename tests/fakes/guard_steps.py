@@ -31,5 +31,5 @@ def watched(
     before: GuardState, sample: GuardSample, settings: GuardSettings
 ) -> tuple[GuardState, Trip | None]:
     """Return the state after one sample, and the trip."""
-    now = replace(before, swing=deepcopy(before.swing))
+    now = replace(before, waves=deepcopy(before.waves))
     return now, watch(now, sample, settings)

@@ -36,7 +36,7 @@ MODULES = (
     "forcemesh.reader",
     "services.arbiter.preflight",
     "services.arbiter.stream",
-    "services.arbiter.watch",
+    "services.arbiter.monitors",
     "control.guards",
     "control.gain_rule",
     *sorted(

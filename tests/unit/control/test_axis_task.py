@@ -109,7 +109,7 @@ def test_a_frame_with_an_origin_turns_the_tool_about_it(force_N, offset_mm) -> N
 def test_an_axis_moves_no_faster_than_its_own_limit() -> None:
     """A hand that keeps pushing moves it at that speed: a compliant one, and one under force."""
     limits = ((0.005, 0.005, None), None)
-    task = AxisTask((False, True, True), shifts=(VirtualMass(), None, None), speeds=limits)
+    task = AxisTask((False, True, True), compliant_along=(VirtualMass(), None, None), speeds=limits)
     _, motion, _ = pushed(task, (30.0, 30.0, 30.0), periods=250)
     moved_m = START.rotation.T @ (motion.T_base_tcp.translation - START.translation)
     assert 0.003 < moved_m[:2].min() < moved_m[:2].max() <= 0.005 * 1.0 + 1e-9 < moved_m[2]
@@ -125,8 +125,8 @@ def test_no_axis_moves_beyond_its_deviation_or_faster_than_the_cell_permits(
     task = AxisTask(
         (True, False, False),
         (False, False, True),
-        shifts=(None, VirtualMass(), VirtualMass()),
-        swings=(TORSION, None, None),
+        compliant_along=(None, VirtualMass(), VirtualMass()),
+        compliant_about=(TORSION, None, None),
         deviations=limits,
     )
     state, motion, sample = pushed(task, force_N, torque_Nm)
@@ -141,7 +141,7 @@ def test_no_axis_moves_beyond_its_deviation_or_faster_than_the_cell_permits(
 
 def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
     """One period moves the tool by at most the limit of force feedback, in any axes."""
-    task = AxisTask((True, True, False), shifts=(None, None, VirtualMass()))
+    task = AxisTask((True, True, False), compliant_along=(None, None, VirtualMass()))
     _, motion, sample = pushed(task, (40.0, 40.0, 40.0), periods=30)
     moved_m = motion.T_base_tcp.translation - sample.motion.T_base_tcp.translation
     assert np.linalg.norm(moved_m) <= SETTINGS.speed_max_m_s * DT_S + 1e-12
@@ -150,12 +150,12 @@ def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
 def test_the_reference_moves_with_a_path_and_stays_for_the_same_axes() -> None:
     """A changed set point keeps it; other compliant axes begin where they are."""
     spring = VirtualMass(stiffness=1000.0)
-    task = AxisTask(NONE, shifts=(spring, None, None))
+    task = AxisTask(NONE, compliant_along=(spring, None, None))
     state = ComplianceState.at(task, START, START)
     state.move(((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)))
     assert state.T_reference.translation - START.translation == pytest.approx([0.0, 0.01, 0.0])
     assert state.covers(replace(task, force_N=(0.0, 0.0, 5.0)))
-    assert not state.covers(replace(task, shifts=(None, spring, None)))
+    assert not state.covers(replace(task, compliant_along=(None, spring, None)))
     assert not state.covers(replace(task, deviations=((0.1, None, None), CELLS)))
 
 
@@ -164,7 +164,7 @@ def test_a_mode_is_a_row_of_axes(mode) -> None:
     """With all axes free in tool axes; with a mask in base, the press is along base axes."""
     task = mode_task(mode, 10.0)
     moves, may_turn = mode != "orientation", mode != "position"
-    assert (task.yields, task.turns) == ((moves,) * 3, (may_turn,) * 3)
+    assert (task.force_along, task.torque_about) == ((moves,) * 3, (may_turn,) * 3)
     assert (task.force_N, task.R_task) == ((0.0, 0.0, 10.0 * moves), None)
     only_z = (False, False, True) * 2
     task = mode_task(mode, 10.0, axes=only_z, in_base=True, press_axis=(0.6, 0.0, -0.8))
@@ -254,7 +254,7 @@ def test_the_deadband_of_a_spring_is_that_of_hand_guiding_at_rest(
     """It does not narrow in motion, unless the request has one of its own."""
     task = AxisTask(
         NONE,
-        shifts=(VirtualMass(stiffness=stiffness), None, None),
+        compliant_along=(VirtualMass(stiffness=stiffness), None, None),
         deadbands=((band_N, None, None), CELLS),
     )
     state, motion, sample = pushed(task, (load_N, 0.0, 0.0), periods=4000)
@@ -272,7 +272,7 @@ def test_a_set_point_begins_at_the_load_and_rises_on_a_ramp() -> None:
     nearer = ramped(first, goal, 1.0)
     assert nearer.force_N == (5.0, -1.0, 5.0)
     assert nearer.torque_Nm == pytest.approx((0.5, 0.0, -0.3))
-    held = replace(nearer, yields=(False, True, True), turns=(True, True, False))
+    held = replace(nearer, force_along=(False, True, True), torque_about=(True, True, False))
     continued = next_setpoint(held, first)
     assert continued.force_N == (4.0, -1.0, 5.0)
     assert continued.torque_Nm == pytest.approx((0.5, 0.0, -0.2))
@@ -289,7 +289,7 @@ def test_a_set_point_within_noise_is_not_searched_for(setpoint_N: float, contact
 
 # --- hand guiding -------------------------------------------------------------------------------
 
-GUIDING = AxisTask(NONE, shifts=(VirtualMass(),) * 3)
+GUIDING = AxisTask(NONE, compliant_along=(VirtualMass(),) * 3)
 SPEED = CELL.force.speed_max_m_s
 
 

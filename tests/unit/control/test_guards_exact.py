@@ -19,7 +19,7 @@ from control.guards import (
     GuardState,
     HalfWaves,
     kept_over_restart,
-    no_swing,
+    no_waves,
 )
 from control.law import start_at
 from forcemesh.messages import Trip
@@ -57,7 +57,7 @@ def test_a_first_touch_aside_is_a_fault_of_a_tool_that_only_presses(
     sample = mode_input(setpoint_N=8.0, motion=start_at(T))
     press_N = (8.0, 0.0, 0.0) if aside else (0.0, 0.0, 8.0)
     shifts = (VirtualMass() if complies else None, None, None)
-    task = AxisTask((True,) * 3, force_N=press_N, shifts=shifts)
+    task = AxisTask((True,) * 3, force_N=press_N, compliant_along=shifts)
     found = GuardSample.of(replace(sample, task=task), start_at(T))
     assert found.along_tool == (not aside)
     assert found.side_trips == (not aside and not complies)
@@ -216,7 +216,7 @@ def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
     for axis in range(6):
         for half_waves, expected in ((9, None), (10, ("oscillation", 5.0, None))):
             swing = [HalfWaves(count=half_waves * (k == axis)) for k in range(6)]
-            assert numbers(watched(GuardState(swing=swing), sample, SETTINGS)[1]) == expected
+            assert numbers(watched(GuardState(waves=swing), sample, SETTINGS)[1]) == expected
 
 
 # --- a change of set point or mode ----------------------------------------------------------------
@@ -239,12 +239,12 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, pres
     """Budgets continue from the first touch; a press begun in contact and now free starts anew."""
     swing = [HalfWaves(count=9) for _ in range(6)]
     before = GuardState(guard_sample(first), worked=guard_sample(present), touched=touched)
-    before.began_free, before.environment_work_J, before.swing = first == "approach", 0.02, swing
+    before.began_free, before.environment_work_J, before.waves = first == "approach", 0.02, swing
     now = kept_over_restart(before)
     kept = (now.first, now.worked, now.touched, now.environment_work_J)
     same = (before.first, before.worked, True, 0.02)
     assert kept == (same if lives_on else (None, None, False, 0.0))
-    assert (now.p_search_m, now.swing) == (None, no_swing())
+    assert (now.p_search_m, now.waves) == (None, no_waves())
 
 
 def test_a_change_before_the_first_sample_carries_nothing() -> None:

@@ -145,7 +145,7 @@ def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
     assert "2.5 N are left" in line
     reply = world.core.arm(world.inputs())
     assert (reply.code, reply.value, reply.limit) == ("payload", IDLE_MAX_N + 0.5, IDLE_MAX_N)
-    residual = world.inputs().watched.residual
+    residual = world.inputs().monitored.residual
     assert residual is not None
     assert residual.unit == "N"
     assert world.core.arm(world.inputs(), "jog").accepted
@@ -238,7 +238,7 @@ def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
     terms = Terms.of(world.cell)
     for rest_s in (needed_s, nextafter(needed_s, 0.0)):
         inputs = world.inputs()
-        inputs.watched = inputs.watched._replace(rest_s=rest_s)
+        inputs.monitored = inputs.monitored._replace(rest_s=rest_s)
         found = failed_checks(inputs, terms, inputs.now_ns - NS_PER_S, "back_off")
         values = [(trip.code, trip.value, trip.limit, trip.unit) for trip in found]
         assert values == ([] if rest_s == needed_s else [("moving", rest_s, needed_s, "s")])

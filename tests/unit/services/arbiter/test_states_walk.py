@@ -30,7 +30,7 @@ UNFELT = {"sensor silent", "wrench silent", "wrench invalid"}
 
 def fatal_to(product: Product) -> set[str]:
     """Return the faults that end the present motion."""
-    freeing = product.core._freeing
+    freeing = product.core._backing_off
     return FATAL - UNFELT if freeing is not None and freeing.blind else FATAL
 
 

@@ -41,7 +41,7 @@ from forcemesh.requests import Reply
 from forcemesh.version import __version__
 from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
 from services.arbiter.core import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S, Arbiter
-from services.arbiter.inputs import Inputs, Watched
+from services.arbiter.inputs import Inputs, Monitored
 from services.arbiter.preflight import PREFLIGHT_S
 from services.arbiter.stream import RETREAT_WITHIN_S
 from tests.fakes.arbiter_world import (
@@ -197,7 +197,7 @@ class Product:
             wrench=self._reading("wrench", CONSTANT["wrench"]),
             target=self._reading("target", TARGETS[self.target]),
             health={"regulator": self._reading("health", CONSTANT["health"])},
-            watched=Watched(rest_s=0.0) if self.moving else Watched(),
+            monitored=Monitored(rest_s=0.0) if self.moving else Monitored(),
         )
 
     def close(self, inputs: Inputs, *, lost: bool = False) -> None:
@@ -325,7 +325,7 @@ def _over(since_ns: int | None, now_ns: int, wait_s: float) -> bool | None:
 def key_of(product: Product) -> Key:
     """Return the quantities that decide about all later steps."""
     core, now_ns = product.core, product.now_ns
-    commanders, stopping, freeing = core._commanders, core._stopping, core._freeing
+    commanders, stopping, freeing = core._commanders, core._stopping, core._backing_off
     turn, pending = commanders.ownership, commanders.pending_move
     check = None if freeing is None else core._check
     load = None if check is None else check._load

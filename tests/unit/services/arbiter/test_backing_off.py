@@ -15,7 +15,7 @@ from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
 from forcemesh.requests import Reply
-from services.arbiter.freeing import Freeing
+from services.arbiter.backing_off import BackingOff
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
 
@@ -253,7 +253,7 @@ def test_it_leaves_a_fault_and_requires_a_robot() -> None:
 
 def test_the_arbiters_own_goal_is_checked_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """A goal beyond a limit is refused by its number, and the lease ends in a hold."""
-    monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
+    monkeypatch.setattr(BackingOff, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
     world = loaded()
     reply = back_off(world)
     assert (reply.accepted, reply.code) == (False, "speed")

@@ -16,12 +16,12 @@ from forcemesh.codec import Header
 from forcemesh.messages import RegulatorTarget
 from forcemesh.requests import Empty
 from services.arbiter.inputs import COMMANDING, Inputs
-from services.arbiter.watch import (
+from services.arbiter.monitors import (
     STREAMED,
-    AlignmentWatch,
-    FeedbackWatch,
-    ResidualWatch,
-    RestWatch,
+    AlignmentMonitor,
+    FeedbackMonitor,
+    ResidualMonitor,
+    RestMonitor,
     delay_trip,
 )
 from tests.contract.rig import DEMO_CELL
@@ -37,7 +37,7 @@ def advance(world: World, after_s: float) -> None:
     world.now_ns += round(after_s * S)
 
 
-def updated(rest: RestWatch, world: World, after_s: float) -> float:
+def updated(rest: RestMonitor, world: World, after_s: float) -> float:
     """Update the check with the world after some time; return the time at rest."""
     advance(world, after_s)
     return rest.update(world.inputs())
@@ -48,7 +48,7 @@ def updated(rest: RestWatch, world: World, after_s: float) -> float:
 
 def test_the_time_at_rest_counts_from_the_first_pose() -> None:
     """To the nanosecond; without a pose, and after it, it begins again."""
-    world, rest = World(), RestWatch()
+    world, rest = World(), RestMonitor()
     assert updated(rest, world, 1.0) == 0.0
     assert updated(rest, world, 0.2) == 0.2
     assert updated(rest, world, 1e-9) == 0.200000001
@@ -62,7 +62,7 @@ def test_the_time_at_rest_counts_from_the_first_pose() -> None:
 @pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
 def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
     """It counts from the first pose, so that a slow drift is found."""
-    world, rest = World(), RestWatch()
+    world, rest = World(), RestMonitor()
     world.change("robot", position_m=(0.0, 0.0, 0.0))
     assert updated(rest, world, 0.0) == 0.0
     world.change("robot", position_m=(0.0, 0.0, away_m))
@@ -75,7 +75,7 @@ def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> No
 @pytest.mark.parametrize(("turn_rad", "rests"), [(1.999999e-3, True), (2.000001e-3, False)])
 def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool, sign: float) -> None:
     """This is the position limit at a tenth of a metre; q and -q are one orientation."""
-    world, rest = World(), RestWatch()
+    world, rest = World(), RestMonitor()
     assert updated(rest, world, 0.0) == 0.0
     turned = T_START.copy()
     turned.rotation = rotation_from_vector(np.array([turn_rad, 0.0, 0.0])) @ T_START.rotation
@@ -95,7 +95,7 @@ def test_an_arbiter_that_stalled_for_more_than_a_second_reports_itself(
     world = World()
     world.inputs()
     advance(world, gap_s)
-    faults = world.inputs().watched.faults
+    faults = world.inputs().monitored.faults
     assert any("itself stalled for 1.0 s" in trip.text for trip in faults) == reported
 
 
@@ -119,7 +119,7 @@ def test_the_residual_may_be_as_large_as_the_cell_allows(
     force_N: float, torque_Nm: float, reported: tuple[float, float] | None
 ) -> None:
     """The excessive one is reported with its own limit; the force, where both are."""
-    world, residual = World(), ResidualWatch(FULL_N, FULL_NM)
+    world, residual = World(), ResidualMonitor(FULL_N, FULL_NM)
     world.change("wrench", force_N=(0.0, force_N, 0.0), torque_Nm=(torque_Nm, 0.0, 0.0))
     residual.update(world.inputs())
     advance(world, 1.0)
@@ -143,7 +143,7 @@ def test_a_contact_ends_where_the_tool_is_free_and_no_feedback_runs(
     before: list[tuple[Phase, float]], reported: bool
 ) -> None:
     """A tool that bounces is still in contact; one that was never in contact cannot bounce."""
-    world, residual, trip = World(), ResidualWatch(FULL_N, FULL_NM), None
+    world, residual, trip = World(), ResidualMonitor(FULL_N, FULL_NM), None
     after: list[tuple[Phase, float]] = [("free", 5.0)] * 2
     for phase, force_N in before + after:
         world.messages["target"] = STOPPED
@@ -177,7 +177,7 @@ def test_the_calibration_must_stay_only_while_force_feedback_runs(
     snapshots: str, reported: bool
 ) -> None:
     """Each snapshot: the calibration, or none while the wrench is silent; + where feedback runs."""
-    world, watch, trip = World(), FeedbackWatch(CELL), None
+    world, watch, trip = World(), FeedbackMonitor(CELL), None
     for snapshot in snapshots.split():
         calibration, runs = snapshot[0], snapshot[1]
         world.silent = {"wrench"} if calibration == "." else set()
@@ -197,7 +197,7 @@ def test_force_feedback_ends_with_a_tare_and_without_checked_axes(
     changes: dict[str, bool], words: str
 ) -> None:
     """Both change what the force is while it moves the arm."""
-    world, watch = World(), FeedbackWatch(CELL)
+    world, watch = World(), FeedbackMonitor(CELL)
     world.change("wrench", calibration="a")
     world.propose(shifted())
     assert watch.update(world.inputs()) is None
@@ -229,7 +229,7 @@ def test_the_second_misaligned_pair_is_reported_for_any_numbers(
     """A sixteenth of a second is allowed, one nanosecond more is not; one message makes no pair."""
     allowed_ns = S // 16
     for beyond_ns in (0, 1):
-        watch = AlignmentWatch(0.0625)
+        watch = AlignmentMonitor(0.0625)
         apart_ns = sign * (allowed_ns + beyond_ns)
         robot_seq, wrench_seq = first
         assert watch.update(pair(robot_seq, wrench_seq, apart_ns)) is None
@@ -246,7 +246,7 @@ def test_the_second_misaligned_pair_is_reported_for_any_numbers(
 @pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])
 def test_a_missing_input_has_no_age(lost: str) -> None:
     """Pose, wrench, sensor and the wrench's sample: without a stamp there is no comparison."""
-    watch = AlignmentWatch(0.0625)
+    watch = AlignmentMonitor(0.0625)
     for seq in (1, 2):
         watch.update(pair(seq, seq, S))
     one = pair(3, 3, S)
@@ -277,7 +277,7 @@ def test_two_periods_of_the_slower_topic_may_lie_between_pose_and_wrench(
         robot = one.robot._replace(header=header)
         updated = dataclasses.replace(one, robot=robot, wrench=wrench)
         world.watch.update(updated)
-        reported_codes = {trip.code for trip in updated.watched.faults}
+        reported_codes = {trip.code for trip in updated.monitored.faults}
     assert ("misaligned" in reported_codes) == reported
 
 

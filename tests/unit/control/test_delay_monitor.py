@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common.config.load import load_cell
-from control.delay_watch import LINK_S, DelayWatch, DelayWatchSettings
+from control.delay_monitor import LINK_S, DelayMonitor, DelayMonitorSettings
 from control.gain_rule import tune
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, LinkHealth
@@ -18,13 +18,13 @@ from tests.fakes.bench import CELL, DEMO, cell_with
 from tests.fakes.regulator_bench import RegulatorBench
 from tests.unit.services.regulator.conftest import Press
 
-SETTINGS = DelayWatchSettings.of(CELL)
+SETTINGS = DelayMonitorSettings.of(CELL)
 DT_S = 0.004
 
 
 def test_the_rise_of_the_links_round_trip_counts_when_it_is_the_larger_one() -> None:
     """Its level at the start is part of the model; only what is added since then is excess."""
-    watch = DelayWatch()
+    watch = DelayMonitor()
     for trip_s in (None, 0.004, None):
         watch.follow_link(trip_s, DT_S)
     assert (watch.trip_s, watch.excess_now_s) == (0.004, 0.0)
@@ -50,7 +50,7 @@ def test_within_the_tolerance_the_gains_are_whole() -> None:
 
 def test_the_share_falls_at_once_and_rises_slowly_to_exactly_one() -> None:
     """Without steps; full gains multiply nothing."""
-    watch = DelayWatch(excess_s=SETTINGS.tau_s)
+    watch = DelayMonitor(excess_s=SETTINGS.tau_s)
     shares = []
     for _ in range(50):
         watch.ramp(DT_S, SETTINGS)
@@ -123,7 +123,7 @@ def test_a_delay_that_grows_from_10_to_40_ms_lowers_the_gains_before_the_force_o
         request = GainsRequest(force_i_m_per_Ns=(gain, gain, gain))
         assert press.ask(topics.GAINS, request).accepted
     if not is_watched:
-        monkeypatch.setattr(DelayWatch, "ramp", lambda *_: None)
+        monkeypatch.setattr(DelayMonitor, "ramp", lambda *_: None)
     assert ripple_N(press.forces_N(1.2)[-200:]) < 1.0
     assert press.published.gain_share == 1.0
     arm: Any = press.cell.arm

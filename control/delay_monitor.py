@@ -1,4 +1,4 @@
-"""Watch of the loop delay: its estimate during a session, and the gain share that follows. Pure.
+"""Monitor of the loop delay: its estimate during a session, and the gain share that follows. Pure.
 
 A loop is tuned for the modelled delay tau (`Plant.tau_s`), with Ki = c / (k tau). A longer delay
 makes the same gains ring. The excess d over the model follows from the motion of the flange:
@@ -43,8 +43,8 @@ HALVED, LEAST_LOWERED = 0.5, 0.25  # two halvings
 
 
 @dataclass(frozen=True, slots=True)
-class DelayWatchSettings:
-    """Constants of the watch for one cell."""
+class DelayMonitorSettings:
+    """Constants of the monitor for one cell."""
 
     tau_s: float  # modelled delay of the whole loop
     arm: Delays  # from the released command to the reported pose
@@ -52,7 +52,7 @@ class DelayWatchSettings:
     tolerance_s: float
 
     @classmethod
-    def of(cls, cell: CellConfig) -> "DelayWatchSettings":
+    def of(cls, cell: CellConfig) -> "DelayMonitorSettings":
         """Return the constants of a cell."""
         plant = cell.plant
         memory_s = plant.memory_s(MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S)
@@ -100,7 +100,7 @@ class ExcessFit:
 
 
 @dataclass(slots=True)
-class DelayWatch:
+class DelayMonitor:
     """Estimates of one session and its gain share; advanced in place."""
 
     fit: ExcessFit = field(default_factory=ExcessFit)
@@ -127,7 +127,7 @@ class DelayWatch:
         *,
         dt_s: float,
         is_late: bool,
-        settings: DelayWatchSettings,
+        settings: DelayMonitorSettings,
     ) -> None:
         """Update the estimate from motion by one more sample.
 
@@ -169,7 +169,7 @@ class DelayWatch:
         self.trip_s += min(1.0, dt_s / LINK_S) * (trip_s - self.trip_s)
         self.least_trip_s = min(self.least_trip_s, self.trip_s)
 
-    def ramp(self, dt_s: float, settings: DelayWatchSettings) -> None:
+    def ramp(self, dt_s: float, settings: DelayMonitorSettings) -> None:
         """Move the gain share towards the one that the delay permits."""
         goal = self.lowered * settings.share_for(self.excess_now_s)
         time_s = FALL_S if goal < self.share else RISE_S
@@ -177,7 +177,7 @@ class DelayWatch:
         if abs(goal - self.share) < AT_GOAL:
             self.share = goal
 
-    def numbers(self, settings: DelayWatchSettings) -> dict[str, float]:
+    def numbers(self, settings: DelayMonitorSettings) -> dict[str, float]:
         """Return the numbers for the health message; nothing measured, nothing said."""
         numbers = {"loop_delay_model_s": settings.tau_s, "gain_fraction": self.share}
         if self.is_measured:

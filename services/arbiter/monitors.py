@@ -13,7 +13,7 @@ from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import RobotState, Trip
-from services.arbiter.inputs import Inputs, Watched, overrun_trip
+from services.arbiter.inputs import Inputs, Monitored, overrun_trip
 
 REST_CHORD = 2.0 * sin(REST_TURN_RAD / 4.0)  # between unit quaternions
 RESIDUAL_S = 0.5
@@ -32,11 +32,11 @@ class InputMonitors:
     def __init__(self, cell: CellConfig) -> None:
         """Start without snapshots."""
         self._overruns = Overruns(allowed_gap_s(cell, "arbiter"))
-        self._rest = RestWatch()
-        self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
-        self._feedback = FeedbackWatch(cell)
+        self._rest = RestMonitor()
+        self._residual = ResidualMonitor(cell.force.idle_max_N, cell.force.idle_max_Nm)
+        self._feedback = FeedbackMonitor(cell)
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
-        self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
+        self._alignment = AlignmentMonitor(ALLOWED_SHARE * max(stale_s))
 
     def update(self, inputs: Inputs) -> None:
         """Add the findings of all monitors to the snapshot."""
@@ -49,7 +49,7 @@ class InputMonitors:
             faults.append(tripped("overrun", text))
         if overruns.count > MOST_OVERRUNS:
             faults.append(overrun_trip("arbiter", overruns.count, overruns.longest_s))
-        inputs.watched = Watched(
+        inputs.monitored = Monitored(
             faults,
             rest_s=self._rest.update(inputs),
             residual=self._residual.update(inputs),
@@ -57,7 +57,7 @@ class InputMonitors:
         )
 
 
-class RestWatch:
+class RestMonitor:
     """Monitor of rest: the time for which the flange has stayed at one pose."""
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class RestWatch:
         return 0.0
 
 
-class ResidualWatch:
+class ResidualMonitor:
     """Monitor of the residual force in free space, which a wrong payload or bias causes.
 
     A contact found by the regulator is expected: until it ends, the last result in free space is
@@ -144,7 +144,7 @@ def _named(calibration: tuple[str, bool]) -> str:
     return f"{name}, tared" if tared else name
 
 
-class FeedbackWatch:
+class FeedbackMonitor:
     """Monitor of what must not change while force feedback runs: calibration and controller speed.
 
     A tare or another payload is a step of the force, to which the regulator would react by motion.
@@ -218,7 +218,7 @@ def delay_trip(numbers: dict[str, float], cell: CellConfig, margin: float) -> Tr
     return tripped("delay", text, value=took_s, limit=margin * allowed_s, unit="s")
 
 
-class AlignmentWatch:
+class AlignmentMonitor:
     """Monitor of the time offset between a wrench's sample and the robot's pose.
 
     Checked only when both are new: a publisher that stops is detected by its age.

@@ -20,7 +20,7 @@ from services.arbiter.preflight import Terms
 
 
 @dataclass(frozen=True, slots=True)
-class Freeing:
+class BackingOff:
     """One back-off, from arming to its end."""
 
     plan: BackOffPlan
@@ -63,7 +63,7 @@ def is_blind(inputs: Inputs) -> bool:
     return inputs.wrench.fresh is None or inputs.sensor.fresh is None
 
 
-def begin(inputs: Inputs, robot: RobotState, terms: Terms, *, confirmed: bool) -> Freeing | Trip:
+def begin(inputs: Inputs, robot: RobotState, terms: Terms, *, confirmed: bool) -> BackingOff | Trip:
     """Return the back-off from here, or why there is none.
 
     Args:
@@ -79,4 +79,4 @@ def begin(inputs: Inputs, robot: RobotState, terms: Terms, *, confirmed: bool) -
     if isinstance(plan, Trip):
         return plan
     unknown = tuple(fault_trips(inputs)) if blind else ()
-    return Freeing(plan, T, limits, T_flange_tcp, wrench, blind, unknown)
+    return BackingOff(plan, T, limits, T_flange_tcp, wrench, blind, unknown)

@@ -13,7 +13,8 @@ the force grows against the travel (a contact stiffer than a hand), and decays w
 the tool along. The deadband at rest equals the residual that the preflight allows in free space, so
 the tool does not drift. It narrows with the speed, but never so far that a force within it could
 keep the tool moving. About an axis, the damping is at least the inverse of the torque integral
-gain.
+gain; without mass, damping and spring of its own an axis turns by torque control at set point 0,
+which has no lag beyond the loop's.
 """
 
 from dataclasses import dataclass, field
@@ -36,10 +37,10 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from control.axis_task import AxisTask, VirtualMass, clipped
+from control.axis_task import AxisTask, VirtualMass, clipped, masked
 from control.delay_model import LoopDelayModel
 from control.gain_rule import LOOP_GAIN
-from control.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
+from control.law import LawInput, LawMotion, about_origin, lever_of, limit_norm, task_deadband
 from forcemesh.messages import ZERO3, AxisState, Vec3
 from forcemesh.requests import ForceTask
 
@@ -56,6 +57,11 @@ AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
 
+def resting_deadband_Nm(cell: CellConfig) -> float:
+    """Return the torque within which a guided tool does not turn [N m]."""
+    return max(TORQUE_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm)
+
+
 @dataclass(frozen=True, slots=True)
 class ComplianceSettings:
     """Constants of compliance for one cell."""
@@ -67,6 +73,7 @@ class ComplianceSettings:
     inertia_kg_m2: float
     wrench_filter: Delays  # from the measured pose to the filtered force
     stiffest_N_m: float
+    touch_N: float
     speed_max_m_s: float
     speed_max_rad_s: float
 
@@ -76,12 +83,13 @@ class ComplianceSettings:
         force, plant = cell.force, cell.plant
         return cls(
             deadband_N=max(force.idle_max_N, force.deadband_N),
-            deadband_Nm=max(TORQUE_DEADBAND * force.idle_max_Nm, force.deadband_Nm),
+            deadband_Nm=resting_deadband_Nm(cell),
             tau_s=plant.tau_s,
             mass_kg=MASSES * plant.inertia_kg,
             inertia_kg_m2=MASSES * plant.inertia_kg_m2,
             wrench_filter=plant.wrench,
             stiffest_N_m=max(STIFFER_THAN_CONTACT * plant.stiffness_N_m, HAND_N_M),
+            touch_N=force.touch_N,
             speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
             speed_max_rad_s=force.speed_max_rad_s,
         )
@@ -134,13 +142,18 @@ def comply(
 ) -> LawMotion:
     """Return the motion of force control with that of the compliant axes, within deviations.
 
-    Force control and compliance together keep the speed limit of force feedback.
+    Force control and compliance together keep the speed limit of force feedback. A turn by torque
+    control leaves the point of contact where it is, as in `law.contact_of`.
     """
     task, before = sample.task, sample.motion.T_base_tcp
     T = motion.T_base_tcp
     if task.complies:
         shift_m, turn_rad = _compliant_steps(state, sample, settings)
         moved_m, turned_rad = speeds_between(before, T, 1.0)
+        if task.origin_m is None and motion.lever_m is None:  # the law alone has not compensated
+            x, y, z = [each is not None for each in task.compliant_along]
+            back_m = cross(turned_rad, lever_of(sample, settings.touch_N))
+            shift_m = plus(shift_m, masked(back_m, (x, y, z), sample.R_base_task), -1.0)
         most_m = settings.speed_max_m_s * sample.dt_s
         turn_rad = limit_norm(plus(turned_rad, turn_rad), settings.speed_max_rad_s * sample.dt_s)
         shift_m = limit_norm(plus(moved_m, shift_m), most_m)

@@ -236,11 +236,16 @@ def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None
         contact = "contact"
     if not (sample.moves and sample.rotates) or sample.task.origin_m is not None:
         return contact, None
-    square = dot(force_N, force_N)
+    return contact, lever_of(sample, touch_N)
+
+
+def lever_of(sample: LawInput, touch_N: float) -> Vec3:
+    """Return the vector from the TCP to the line along which a force acts, zero without one [m]."""
+    square = dot(sample.force_N, sample.force_N)
     if square < touch_N * touch_N:
-        return contact, ZERO3
-    lever_m = scaled(cross(force_N, sample.torque_Nm), 1.0 / square)
-    return contact, limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
+        return ZERO3
+    lever_m = scaled(cross(sample.force_N, sample.torque_Nm), 1.0 / square)
+    return limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
 
 
 def motion_between(

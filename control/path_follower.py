@@ -12,7 +12,7 @@ predictor: that one takes motion which is not its own for the surface's, and for
 Where the force error grows, the feed drops, and rises again with the acceleration of the path.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import hypot, sqrt
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ MISSED_SHARE, MISSED_N = 0.2, 1.0  # force error beyond which the path counts as
 BEHIND_M = 0.002  # deviation along a held axis at which the path waits for the tool
 BEHIND_RAD = 0.02
 SEARCH_M = 0.001  # below the height of the last contact, where a path goes on without contact
+LEAST_ACROSS = 0.1  # sine of the angle to the tool's axis: a steeper path gives the frame no x axis
 TURN_RAD_S = 6.0  # fastest turn of the tangent frame: lateral set points turn with it
 ACROSS: Flags = (True, True, False)  # the tool's axis
 
@@ -55,6 +56,9 @@ class PathFollower:
     predicts: bool  # the law has a predictor
     turns_frame: bool = False  # the task frame turns with it
     points: bool = False  # it guides the tool across its axis, whatever the task
+    arrived: bool = False  # of points: at the last one
+    aside_m: Array = field(default_factory=lambda: np.zeros(3))  # of points: by lateral force
+    behind_m: float = 0.0  # of points: from the tool to the reference
     missed_m: float = 0.0  # length travelled without contact, or with another force
     height_m: float = 0.0  # of the tool over the curve when it last had contact, press axis
 
@@ -65,7 +69,7 @@ class PathFollower:
 
     def guided(self, task: AxisTask, R_base_tcp: Rows) -> Guided:
         """Return the axes that the path moves: those that the task holds, or across the tool's."""
-        if self.points and not self.turns_frame:
+        if self.points:
             return Guided(ACROSS, NONE, R_base_tcp)
         return Guided(*task.held, task.R_base_task(R_base_tcp))
 
@@ -75,7 +79,8 @@ class PathFollower:
         It is the present command, without what it is away along the axes of force control: there
         the contact is somewhere else than the program assumes, and stays where it is.
         """
-        along, _, R = self.guided(task, T_first.rotation.tolist())
+        R_first: Rows = T_first.rotation.tolist()
+        along, _, R = self.guided(task, R_first)
         away_m = vec3(T_base_tcp.translation - T_first.translation)
         return pin.SE3(
             T_base_tcp.rotation, T_first.translation + np.array(masked(away_m, along, R))
@@ -85,7 +90,7 @@ class PathFollower:
         """Return the fields of the target that describe the path."""
         curve = self.curve
         return {
-            "path_left_m": curve.left_m,
+            "path_left_m": curve.left_m + self.behind_m,
             "path_missed_m": self.missed_m,
             "path_speed_m_s": curve.now_m_s,
         }
@@ -102,42 +107,70 @@ class PathFollower:
         """
         path, curve, T, task = self, self.curve, motion.T_base_tcp, sample.task
         touches = motion.contact == "contact"
-        if (path.in_contact and not touches) or (path.points and not curve.pending):
+        if path.points:
+            path = path._arriving(sample)
+        if (path.in_contact and not touches) or path.arrived:
             return replace(path, curve=replace(curve, now_m_s=0.0)), T, REST
         before = curve.T_reference
         height_m = dot(sample.press_axis, vec3(before.translation - T.translation))
         if touches:
             path = replace(path, height_m=height_m)
-        elif path.height_m - height_m > SEARCH_M:  # a gap: it goes on over it, and does not dive in
+        elif not path.points and path.height_m - height_m > SEARCH_M:  # it does not dive into a gap
             T = pin.SE3(T.rotation, sample.motion.T_base_tcp.translation)
         error_N = -dot(motion.error_force_N or ZERO3, sample.press_axis)
         share = feed_share(error_N, task.press_N) if touches else 1.0
-        is_off = self.turns_frame and _off_tangent(sample.R_base_task, curve.tangent)
-        share = 0.0 if is_off or self._is_behind(before, sample) else share
+        behind_m, behind_rad = path.behind(sample)
+        is_off = path.turns_frame and _off_tangent(sample.R_base_task, curve.tangent)
+        if is_off or behind_m > BEHIND_M or behind_rad > BEHIND_RAD:
+            share = 0.0
         pushed_m = T.translation - sample.motion.T_base_tcp.translation
+        if path.points and path.turns_frame and not task.held[0][1]:
+            lateral = np.array(sample.R_base_task)[:, 1]
+            path = replace(path, aside_m=path.aside_m + (pushed_m @ lateral) * lateral)
         room = room_m(pushed_m, curve.tangent, most_m)
-        curve = curve.advanced(sample.dt_s, share=share, most_m=room)
-        path = replace(path, curve=curve)
+        path = replace(path, curve=curve.advanced(sample.dt_s, share=share, most_m=room))
+        now_m_s = path.curve.now_m_s
         if not touches or is_missed(error_N, task.press_N):
-            path = replace(path, missed_m=path.missed_m + curve.now_m_s * sample.dt_s)
-        after = curve.T_reference
-        travel = speeds_between(before, after, 1.0)
-        T_next = self._command(T, after, travel, sample=sample, most_m=most_m)
+            path = replace(path, missed_m=path.missed_m + now_m_s * sample.dt_s)
+        travel = speeds_between(before, path.curve.T_reference, 1.0)
+        T_next = path.command(T, travel, sample=sample, most_m=most_m, pushed_m=pushed_m)
         return path, T_next, travel
 
-    def _command(
+    @property
+    def _T_reference(self) -> pin.SE3:
+        """Pose that the tool should have, as far as the path guides it."""
+        T = self.curve.T_reference
+        return pin.SE3(T.rotation, T.translation + self.aside_m)
+
+    def behind(self, sample: LawInput) -> tuple[float, float]:
+        """Return by how much limits keep the tool behind [m, rad]: the path must not run away."""
+        T = sample.motion.T_base_tcp
+        along, about, R = self.guided(sample.task, T.rotation.tolist())
+        away_m, away_rad = speeds_between(self._T_reference, T, 1.0)
+        return hypot(*masked(away_m, along, R)), hypot(*masked(away_rad, about, R))
+
+    def _arriving(self, sample: LawInput) -> "PathFollower":
+        """Return the path with what a tool that follows points is behind, and its arrival.
+
+        Beyond the last point the axes are left to force control again.
+        """
+        behind_m, _ = self.behind(sample)
+        arrived = self.arrived or (not self.curve.pending and behind_m < LEAST_PIECE_M)
+        return replace(self, behind_m=0.0 if arrived else behind_m, arrived=arrived)
+
+    def command(
         self,
         T: pin.SE3,
-        T_reference: pin.SE3,
         travel: Speeds,
         *,
         sample: LawInput,
         most_m: float,
+        pushed_m: Array,
     ) -> pin.SE3:
         """Return the command: what force control commands, with the travel of the reference."""
         shift_m, turn_rad = travel
         T_fed = moved(T, travel, 1.0)
-        away_m, away_rad = speeds_between(T_reference, T_fed, 1.0)
+        away_m, away_rad = speeds_between(self._T_reference, T_fed, 1.0)
         along, about, R = self.guided(sample.task, T_fed.rotation.tolist())
         if self.predicts or self.points:
             shift_m = masked(shift_m, along, R)
@@ -145,21 +178,19 @@ class PathFollower:
         back_rad = masked(away_rad, about, R)
         most_rad = self.curve.turns.rad_s * sample.dt_s
         turn_rad = plus(turn_rad, limit_norm(back_rad, most_rad), -1.0)
-        return moved(T, (limit_norm(shift_m, most_m), turn_rad), 1.0)
-
-    def _is_behind(self, T_reference: pin.SE3, sample: LawInput) -> bool:
-        """Return whether limits keep the tool from following: the path would run away from it."""
-        T = sample.motion.T_base_tcp
-        along, about, R = self.guided(sample.task, T.rotation.tolist())
-        away_m, away_rad = speeds_between(T_reference, T, 1.0)
-        behind_m, behind_rad = masked(away_m, along, R), masked(away_rad, about, R)
-        return hypot(*behind_m) > BEHIND_M or hypot(*behind_rad) > BEHIND_RAD
+        size_m = max(hypot(*shift_m), LEAST_PIECE_M)
+        room = room_m(pushed_m, np.array(shift_m) / size_m, most_m)
+        if self.points:  # no faster than its feed: a force may bring the tool to a stand
+            room = min(room, self.curve.feed_m_s * sample.dt_s)
+        return moved(T, (limit_norm(shift_m, room), turn_rad), 1.0)
 
 
 def _off_tangent(R_base_task: Rows, tangent: Array) -> bool:
     """Return whether the frame is not along the path yet: the tool would leave it sideways."""
-    x = np.array(R_base_task)[:, 0]
-    return bool(tangent.any()) and float(x @ tangent) < SHARP
+    R = np.array(R_base_task)
+    across = component_across(tangent, R[:, 2])
+    size = float(np.linalg.norm(across))
+    return size > LEAST_ACROSS and float(R[:, 0] @ across) < SHARP * size
 
 
 def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:

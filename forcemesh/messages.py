@@ -255,8 +255,8 @@ class RegulatorTarget(Message):
     frame: TaskFrame | None = None  # of a task, None for a mode
     axes: tuple[AxisState, ...] = ()  # of a task: x y z, about x y z
     path_left_m: Finite | None = None  # remaining length of the path
-    path_missed_m: Finite | None = None  # travelled without contact or with another force; of poses
-    path_speed_m_s: Finite | None = None  # present speed along a path of poses
+    path_missed_m: Finite | None = None  # travelled without contact or with another force
+    path_speed_m_s: Finite | None = None  # present speed along the path
     wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
     round_trip_s: Finite | None = None  # estimated delay of the loop, while force feedback runs
     modelled_round_trip_s: Finite | None = None  # the same by the cell file

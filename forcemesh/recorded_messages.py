@@ -54,13 +54,21 @@ def readdressed(data: bytes, address: str) -> bytes:
     return data if upgraded == fields else pack(upgraded)
 
 
+def upgraded_request(key: str, fields: Fields) -> Fields:
+    """Return the fields of a recorded request in the words of today."""
+    task = fields.get("task")
+    if key != "request/force/start" or not isinstance(task, dict):
+        return fields
+    return fields | {"task": task | _axes(task)}
+
+
 def _upgraded(fields: Fields, key: str) -> Fields:
     """Return the fields as the present schema version has them."""
     upgrade = UPGRADES.get(key)
     if upgrade is not None and fields.get("v") != SCHEMA_VERSION:
         fields = fields | upgrade(fields)
     if key == "regulator/target":
-        return fields | _regulator_target(fields)
+        return fields | _axes(fields)
     if key == "robot/state":
         return {"challenge": OLD_CHALLENGE} | fields
     if key == "robot/command" and isinstance(permission := fields.get("permission"), dict):
@@ -93,7 +101,7 @@ def _robot_command(fields: Fields) -> Fields:
     return {"permission": _owned(fields.get("permission"))}
 
 
-def _regulator_target(fields: Fields) -> Fields:
+def _axes(fields: Fields) -> Fields:
     axes = fields.get("axes")
     return {"axes": [*map(_axis, axes)]} if isinstance(axes, list | tuple) else {}
 

@@ -135,7 +135,7 @@ class PathRequest(Record):
 
     points_m: Annotated[tuple[Place, ...], Meta(max_length=60)] = ()  # of the TCP, base axes
     poses: Annotated[tuple[PoseRecord, ...], Meta(max_length=30)] = ()  # of the TCP in base
-    blend_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # before and after a corner, of poses
+    blend_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # before and after a corner
     append: bool = False  # append to the remaining points; otherwise replace them
     speed_m_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.02
     accel_m_s2: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.3

@@ -20,6 +20,7 @@ from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.codec import Envelope, pack
 from forcemesh.errors import DataError
 from forcemesh.faults import clipped
+from forcemesh.recorded_messages import upgraded_request
 from forcemesh.records import Record
 from forcemesh.requests import Reply, ServedRequest
 
@@ -114,7 +115,7 @@ def request_data(served: ServedRequest, address: str, clock: Clock) -> bytes:
     if served.age_s is not None:
         stamp_ns = clock.now_ns() - round(served.age_s * NS_PER_S)
         envelope = envelope.replaced(boot=clock.boot, stamp_ns=stamp_ns)
-    return pack(fields | envelope.as_dict())
+    return pack(upgraded_request(served.request, fields) | envelope.as_dict())
 
 
 @cache

@@ -34,7 +34,7 @@ class ContactSample:
     T_base_tcp: pin.SE3  # measured
     contact: str
     path_left_m: float | None  # remaining path
-    path_missed_m: float | None  # of a path of poses
+    path_missed_m: float | None
 
 
 class ContactMonitor:

@@ -51,7 +51,7 @@ class FollowResult:
     contacts_lost: int
     height_mm: float  # height range of the surface
     worst_press_N: float
-    missed_mm: float | None  # path without contact or with another force; of poses
+    missed_mm: float | None  # path without contact or with another force
 
     def text(self) -> str:
         """Return the result as a line."""

@@ -104,7 +104,7 @@ class Force:
         Args:
             mode: Whether the hand moves it, turns it, or both.
         """
-        return self.start_task(GUIDED[mode])
+        return self.start_task(GUIDED[mode], law="plain")
 
     def begin(self, request: ForceStartRequest) -> Reply:
         """Start force feedback with a complete request."""

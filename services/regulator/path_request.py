@@ -52,10 +52,13 @@ def next_path(
         predicts: The law has a predictor.
         turns: Highest angular speeds.
     """
-    path = before if request.append else None
+    path = before if request.append and before is not None and not before.arrived else None
     points = not request.poses and (path is None or path.points)
+    if points:  # at their own height: the tool's axis may turn on the way
+        p_m = (np.array(point) for point in request.points_m)
+        poses = [pin.SE3(T.rotation, p) for T, p in zip(poses, p_m, strict=True)]
     if path is None:
-        now_m_s = 0.0 if before is None else before.curve.now_m_s
+        now_m_s = before.curve.now_m_s if before is not None and points else 0.0
         path = PathFollower(
             PathCurve(T_base_tcp, request.speed_m_s, request.accel_m_s2, turns, now_m_s=now_m_s),
             request.in_contact,
@@ -63,7 +66,7 @@ def next_path(
             turns_frame,
             points,
         )
-        if request.poses:
+        if poses:
             T_start = path.start(T_base_tcp, poses[0], task)
             path = replace(path, curve=replace(path.curve, T_joined=T_start))
     curve = replace(path.curve, feed_m_s=request.speed_m_s, accel_m_s2=request.accel_m_s2)

@@ -153,6 +153,9 @@ def _refused_poses(
         return tripped("setpoint", "a path has points or poses, not both")
     if not request.poses:
         return None
+    if request.append and session.path is not None and session.path.points:
+        text = "poses cannot continue a path of points, whose height is free: send points"
+        return tripped("setpoint", text)
     if all(session.goal.force_along):
         text = (
             "the force controls every axis, none is left to a path of poses: start force feedback "

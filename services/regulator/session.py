@@ -87,7 +87,7 @@ class ForceSession:
 
     def path_end(self, *, append: bool) -> pin.SE3:
         """Return where a path begins: at the end of the present one, or at the command."""
-        if append and self.path is not None:
+        if append and self.path is not None and not self.path.arrived:
             return self.path.curve.T_end
         return self.motion.T_base_tcp
 

@@ -20,6 +20,7 @@ from control.axis_task import (
     VirtualMass,
     mode_task,
 )
+from control.compliance import resting_deadband_Nm
 from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest, TaskAxis
 
@@ -50,7 +51,8 @@ def request_task(
         )
     axes = asked.axes
     force_N = _three([axis.setpoint for axis in axes[:3]])
-    x, y, z, rx, ry, rz = (axis.control == "force" for axis in axes)
+    x, y, z = (axis.control == "force" for axis in axes[:3])
+    rx, ry, rz = (axis.control == "force" or _turns_freely(axis) for axis in axes[3:])
     return AxisTask(
         force_along=(x, y, z),
         torque_about=(rx, ry, rz),
@@ -63,11 +65,13 @@ def request_task(
         origin_m=asked.pose.position_m if asked.pose is not None else None,
         deadbands=(
             _limits([axis.deadband for axis in axes[:3]]),
-            _limits([axis.deadband for axis in axes[3:]]),
+            _limits([_turn_deadband(axis, cell) for axis in axes[3:]]),
         ),
         speeds=(_speeds(axes[:3]), _speeds(axes[3:])),
         compliant_along=tuple(map(_virtual_mass, axes[:3])),
-        compliant_about=tuple(map(_virtual_mass, axes[3:])),
+        compliant_about=tuple(
+            None if _turns_freely(axis) else _virtual_mass(axis) for axis in axes[3:]
+        ),
         deviations=(
             _limits([axis.deviation_max for axis in axes[:3]]),
             _limits([_turn_limit(axis) for axis in axes[3:]]),
@@ -157,6 +161,19 @@ def _rotation(
         return IDENTITY
     rows: Rows = T_task.rotation.tolist()
     return rows
+
+
+def _turns_freely(axis: TaskAxis) -> bool:
+    """Return whether an axis follows a turn by torque control at set point 0."""
+    own = axis.mass, axis.damping, axis.stiffness or None
+    return axis.control == "compliant" and own == (None, None, None)
+
+
+def _turn_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
+    """Return the deadband about an axis; a free one must not drift on the residual torque."""
+    if axis.deadband is None and _turns_freely(axis):
+        return resting_deadband_Nm(cell)
+    return axis.deadband
 
 
 def _virtual_mass(axis: TaskAxis) -> VirtualMass | None:

@@ -26,7 +26,7 @@ from control.axis_task import (
 from control.compliance import ComplianceSettings, ComplianceState, comply
 from control.gain_rule import tune
 from control.law import LawInput, LawSettings, next_motion, start_at
-from forcemesh.force_task import parse_task
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import ZERO3, RegulatorTarget
 from forcemesh.requests import ForceStartRequest
 from services.regulator.task_request import first_setpoint, next_setpoint, ramped
@@ -365,3 +365,25 @@ def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -
     resting = np.array(forces[400:600])
     assert resting.std() < 0.5
     assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)
+
+
+@pytest.mark.parametrize(("stiffness_N_m", "lever_m"), [(5e3, 0.2), (2e4, 0.1)])
+def test_a_tool_that_is_guided_and_turned_rests_on_what_its_edge_touches(
+    stiffness_N_m: float, lever_m: float
+) -> None:
+    """Found: a turn about the TCP moved the edge as well, and it bounced without coming to rest."""
+    bench, forces_N = FollowingBench(), []
+    T_begin, late = bench.poses[0], round(CELL.plant.tau_s / DT_S)
+    edge_m = np.array([0.0, lever_m, 0.0])
+    assert bench.start(request(GUIDED["both"], law="plain")).accepted
+    bench.pass_s(0.1)
+    for _ in range(600):
+        T = bench.poses[max(0, len(bench.poses) - 1 - late)]
+        deep_m = max(0.0, float(T_begin.actInv(T).act(edge_m)[0]) - 0.003)
+        forces_N.append(stiffness_N_m * deep_m)
+        force_N = T_begin.rotation @ [12.0 - forces_N[-1], 0.0, 0.0]  # a hand with 12 N
+        bench.push(vec3(force_N), vec3(np.cross(T.rotation @ edge_m, force_N)))
+        bench.step()
+    assert bench.published().valid
+    assert np.std(forces_N[400:]) < 0.5
+    assert np.mean(forces_N[400:]) > 5.0

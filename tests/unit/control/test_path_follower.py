@@ -1,4 +1,4 @@
-"""A pressed tool that follows a path of poses or points."""
+"""A pressed tool that follows a path of poses; its check in parts."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,27 +6,21 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryCall
 from common.config.load import load_cell
 from common.motion.convert import record_of
-from control.axis_task import IDENTITY
-from control.path_follower import is_missed, room_m, tangent_frame
+from control.path_follower import is_missed
 from forcemesh import topics
 from forcemesh.codec import Envelope, decode_record, encode_record
 from forcemesh.force_task import parse_task
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.regulator import service
-from services.regulator.path_request import path_poses, turn_limits
+from services.regulator.path_request import turn_limits
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
 FEED_M_S = 0.02
-coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
-places = st.tuples(*[coordinates] * 3)
-turns = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
 STIFFNESS_N_M, PRESS_N, LENGTH_M = 2e4, 10.0, 0.03
 HELD = ForceStartRequest(
     mode="position", setpoint_N=PRESS_N, axes=(False, False, True) * 2, frame="tool"
@@ -154,96 +148,6 @@ def test_a_path_turns_no_faster_than_the_arbiter_permits() -> None:
     assert turn_limits(CELL).rad_s == CELL.force.speed_max_rad_s
 
 
-# --- points -------------------------------------------------------------------------------------
-
-PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
-
-
-def path_x(bench: FollowingBench) -> list[float]:
-    """Return the direction of axis x of the path frame, along the path."""
-    assert isinstance(bench.service, service.Regulator)
-    session = bench.service._session
-    assert session is not None
-    return [row[0] for row in session.goal.R_task or ()]
-
-
-def test_the_frame_of_a_path_turns_with_it() -> None:
-    """The lateral axis stays lateral; at the end of the path the frame keeps its direction."""
-    bench = FollowingBench()
-    task = parse_task("z=force:8 y=force:0", "path")
-    bench.push((0.0, 0.0, 8.0))
-    assert bench.start(ForceStartRequest(task=task, law="adaptive")).accepted
-    bench.pass_s(0.1)
-    begin = bench.p_tcp_m
-    corner = begin + np.array([0.0, 0.01, 0.0])
-    points_m = tuple(corner), tuple(corner + np.array([0.01, 0.0, 0.0]))
-    path = PathRequest(points_m=points_m, speed_m_s=0.02)
-    assert bench.ask(topics.FORCE_PATH, path).accepted
-    bench.pass_s(0.3)
-    assert path_x(bench) == pytest.approx([0.0, 1.0, 0.0], abs=0.05)
-    bench.push((5.0, 0.0, 8.0))  # lateral: the tool yields, and the path goes along with it
-    bench.pass_s(0.1)
-    assert bench.p_tcp_m[0] - begin[0] > 1e-5
-    bench.push((0.0, 0.0, 8.0))
-    bench.pass_s(2.0)
-    assert bench.published().path_left_m == pytest.approx(0.0, abs=1e-3)
-    assert path_x(bench) == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
-
-
-def test_a_tangent_frame_turns_no_faster_than_its_limit() -> None:
-    """Lateral set points turn with it; at the end of a path it keeps its direction."""
-    ahead = np.array([0.0, 0.01, 0.0])
-    R = np.array(tangent_frame(IDENTITY, ahead, np.eye(3), 0.01))
-    assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(0.06)
-    there = np.array(tangent_frame(IDENTITY, np.zeros(3), np.eye(3), 0.01))
-    assert there == pytest.approx(np.eye(3))
-
-
-@given(places, turns, st.lists(places, min_size=1, max_size=4))
-def test_a_point_is_a_pose_whose_height_and_orientation_are_free(place, turn, points) -> None:
-    """Those of where the path begins; across the tool's axis it is the point."""
-    T_from = pin.SE3(pin.exp3(np.array(turn)), np.array(place))
-    poses = path_poses(PathRequest(points_m=tuple(points)), T_from)
-    assert len(poses) == len(points)
-    for point, T in zip(points, poses, strict=True):
-        assert np.array_equal(T.rotation, T_from.rotation)
-        assert T_from.actInv(T).translation[2] == pytest.approx(0.0, abs=1e-12)
-        off_m = T_from.rotation.T @ (T.translation - np.array(point))
-        assert off_m[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
-
-
-def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
-    """It reports the remaining path, waits without contact, and stops on request."""
-    bench = FollowingBench()
-    bench.push((0.0, 0.0, 5.0))
-    bench.start(PRESS)
-    bench.pass_s(0.1)
-    start = bench.p_tcp_m
-    ahead = tuple(tuple(start + np.array([x, 0.0, 0.3])) for x in (0.01, 0.02))
-    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.04)).accepted
-    bench.pass_s(0.2)
-    halfway = bench.p_tcp_m
-    assert 0.002 < halfway[0] - start[0] < 0.01
-    assert bench.published().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
-    bench.push()
-    bench.pass_s(0.2)
-    stopped_at = bench.p_tcp_m
-    bench.pass_s(0.2)
-    assert bench.p_tcp_m[:2] == pytest.approx(stopped_at[:2], abs=1e-9)
-    bench.push((0.0, 0.0, 5.0))
-    bench.pass_s(1.0)
-    assert bench.p_tcp_m[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
-    assert bench.published().path_left_m == 0.0
-    more = PathRequest(points_m=(tuple(start),), append=True)
-    assert bench.ask(topics.FORCE_PATH, more).accepted
-    bench.pass_s(0.3)
-    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted
-    bench.pass_s(0.1)
-    stopped_at = bench.p_tcp_m
-    bench.pass_s(0.3)
-    assert bench.p_tcp_m == pytest.approx(stopped_at, abs=1e-9)
-
-
 def test_points_lead_a_tool_that_yields_across_its_axis_until_their_end() -> None:
     """Friction does not push it off the path while there is one, and does afterwards."""
     bench = PlateBench(ForceStartRequest(mode="position", setpoint_N=PRESS_N, law="plain"))
@@ -261,16 +165,6 @@ def test_points_lead_a_tool_that_yields_across_its_axis_until_their_end() -> Non
     aside_m = bench.travel_m()[1]
     bench.pass_s(0.5)
     assert abs(bench.travel_m()[1] - aside_m) > 1e-4
-
-
-@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
-def test_force_and_path_together_are_within_the_speed_limit(direction, share) -> None:
-    """The path takes the rest of the period's motion that the force leaves."""
-    pushed_m = 2e-4 * share * np.array(direction) / max(1.0, float(np.linalg.norm(direction)))
-    x = np.array([1.0, 0.0, 0.0])
-    room = room_m(pushed_m, x, 2e-4)
-    assert room >= 0.0
-    assert np.linalg.norm(pushed_m + room * x) <= 2e-4 * (1 + 1e-9) or room == 0.0
 
 
 # --- check in parts -------------------------------------------------------------------------------

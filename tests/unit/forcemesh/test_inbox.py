@@ -19,9 +19,17 @@ from forcemesh.codec import (
     encode_record,
 )
 from forcemesh.errors import BusError, DataError
+from forcemesh.force_task import parse_task
 from forcemesh.messages import Health
 from forcemesh.records import Record
-from forcemesh.requests import ArmRequest, Empty, HoldRequest, Reply, ServedRequest
+from forcemesh.requests import (
+    ArmRequest,
+    Empty,
+    ForceStartRequest,
+    HoldRequest,
+    Reply,
+    ServedRequest,
+)
 from forcemesh.served_requests import MOST_PER_S, request_data
 from forcemesh.topics import CLIENT, HEALTH, REQUESTS, SERVED, Request
 from tests.fakes.bench import CELL
@@ -275,6 +283,18 @@ def test_every_request_is_published_once_with_its_reply(
     assert decode_record(again, message) == sent
     as_old = envelope.replaced(boot=later.boot, stamp_ns=8 * NS_PER_S) if stamp else envelope
     assert decode_envelope(again, server.address) == as_old
+
+
+def test_a_recorded_task_has_the_words_of_today() -> None:
+    """Compliant axes were `admittance` or `free`."""
+    server = RequestServer(topics.FORCE_START)
+    server.serve(encode_record(ForceStartRequest(task=parse_task("x=compliant z=force:5"))))
+    (served,) = server.published()
+    for old in ("free", "admittance"):
+        recorded = served.replaced(payload=served.payload.replace("compliant", old))
+        again = request_data(recorded, server.address, server.clock)
+        task = decode_record(again, ForceStartRequest).task
+        assert task == parse_task("x=compliant z=force:5")
 
 
 def test_a_request_that_is_too_long_is_left_out_and_its_length_is_published() -> None:

@@ -210,7 +210,7 @@ PATHS = [
     (PRESS, [], PathRequest(poses=(NEAR, NEAR.replaced(position_m=FAR))), "workspace", "point 2: "),
     (PRESS, [], PathRequest(poses=(NEAR, TURNED)), "setpoint", "pose 2 is turned by 115 degrees"),
     (PRESS, [], POINTS.replaced(poses=(NEAR,)), "setpoint", "points or poses, not both"),
-    (FREE, [POINTS], PathRequest(poses=(NEAR,), append=True), "axes", "controls every axis"),
+    (PRESS, [POINTS], PathRequest(poses=(NEAR,), append=True), "setpoint", "a path of points"),
     (FREE, [], PathRequest(poses=(NEAR,)), "axes", "the force controls every axis"),
 ]
 

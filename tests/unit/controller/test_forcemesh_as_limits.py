@@ -1,5 +1,7 @@
 """The program that ships, executed: permitted motion by the banks of command 10."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -42,7 +44,7 @@ def ready(
     return talk
 
 
-def walled(lower: tuple[float, ...], upper: tuple[float, ...], y_mm: float = 0.0) -> Talk:
+def walled(lower: Sequence[float], upper: Sequence[float], y_mm: float = 0.0) -> Talk:
     """A TCP below the flange, and walls so many mm around where it is at the start."""
     at = Talk().T_mm.act(TCP_MM) + np.array([0.0, y_mm, 0.0])
     corners = []
@@ -50,6 +52,12 @@ def walled(lower: tuple[float, ...], upper: tuple[float, ...], y_mm: float = 0.0
         x, y, z = (round(float(value)) for value in (at + away) * SCALES[0])
         corners.append((x, y, z, 0, 0, 0))
     return ready(TCP, lower=corners[0], upper=corners[1])
+
+
+def along(axis: int, value: int) -> VecInt:
+    """Return six numbers of a packet, one of which is not zero."""
+    x, y, z = (value if each == axis else 0 for each in range(3))
+    return (x, y, z, 0, 0, 0)
 
 
 def refused(talk: Talk, com: Com, vec: VecInt) -> int:
@@ -160,15 +168,18 @@ def test_from_outside_it_may_go_back_in_and_nowhere_else() -> None:
 
 
 @pytest.mark.parametrize("mode", [1, 3])
-def test_force_feedback_that_comes_to_the_box_ends_in_hold(mode: int) -> None:
-    """Every iteration is judged: pushed up against a ceiling 3 mm above, with 200 mm of travel."""
-    talk = walled((100.0,) * 3, (100.0, 100.0, 3.0))
-    talk.start_feedback(mode, gains_i=(0, 0, 5_000, 0, 0, 0))
-    z = talk.height_mm()
-    push(talk, 60, (0, 0, 1000, 0, 0, 0))
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_force_feedback_that_comes_to_the_box_ends_in_hold(mode: int, axis: int, sign: int) -> None:
+    """Every iteration is judged: pushed against a wall 3 mm away, with 200 mm of travel."""
+    far, near = [100.0] * 3, [3.0 if each == axis else 100.0 for each in range(3)]
+    talk = walled(far, near) if sign > 0 else walled(near, far)
+    talk.start_feedback(mode, gains_i=along(axis, 5_000))
+    start_mm = talk.T_mm.translation.copy()
+    push(talk, 60, along(axis, 1000 * sign))
     assert talk.fault == BOX
     assert talk.status & Status.HELD
-    assert 2.0 < talk.height_mm() - z < 3.1
+    assert 2.0 < sign * (talk.T_mm.translation - start_mm)[axis] < 3.1
 
 
 # --- turns ----------------------------------------------------------------------------------------

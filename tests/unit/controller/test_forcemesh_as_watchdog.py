@@ -59,6 +59,18 @@ def stays(talk: Talk, duration_s: float, *, beat: bool = False) -> bool:
 # --- silence --------------------------------------------------------------------------------------
 
 
+def test_force_feedback_that_waits_for_a_wrench_takes_each_hold_at_once() -> None:
+    """The robot program notes that of the watchdog, and one that comes after it."""
+    talk = Talk()
+    talk.hello()
+    talk.start_feedback(1)
+    push(talk, 10, UP_10_N)
+    talk.wait(lambda: talk.status & Status.WATCHDOG_LATCHED, beat=False)
+    talk.send(Com.HOLD)
+    talk.live(0.05)
+    assert talk.value("fm.ack") == talk.value("fm.hseq") + talk.value("fm.wseq")
+
+
 @pytest.mark.parametrize("limit_ms", [150, 600])
 def test_silence_stops_a_motion_within_the_limit_of_command_10_and_latches(
     behaviour: Behaviour, limit_ms: int

@@ -46,6 +46,7 @@ class AxisTask:
     deadbands: tuple[Limits, Limits] = (CELLS, CELLS)  # of force [N] and torque [N m]
     speeds: tuple[Limits | None, Limits | None] = (None, None)  # [m/s], [rad/s]
 
+    turns_freely: bool = False  # a hand may turn the tool: torque control at set point 0
     compliant_along: tuple[VirtualMass | None, ...] = (
         None,
     ) * 3  # axes along which the tool complies

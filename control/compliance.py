@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from math import exp, hypot
 from typing import Self
 
+import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -146,14 +147,16 @@ def comply(
     control leaves the point of contact where it is, as in `law.contact_of`.
     """
     task, before = sample.task, sample.motion.T_base_tcp
-    T = motion.T_base_tcp
+    T, lever_m = motion.T_base_tcp, lever_of(sample, settings.touch_N)
     if task.complies:
         shift_m, turn_rad = _compliant_steps(state, sample, settings)
         moved_m, turned_rad = speeds_between(before, T, 1.0)
-        if task.origin_m is None and motion.lever_m is None:  # the law alone has not compensated
+        if task.origin_m is None:
             x, y, z = [each is not None for each in task.compliant_along]
-            back_m = cross(turned_rad, lever_of(sample, settings.touch_N))
-            shift_m = plus(shift_m, masked(back_m, (x, y, z), sample.R_base_task), -1.0)
+            shift_m = plus(shift_m, cross(turned_rad, lever_m), -1.0)
+            shift_m = masked(
+                shift_m, (x, y, z), sample.R_base_task, task.speeds[0], share=sample.dt_s
+            )
         most_m = settings.speed_max_m_s * sample.dt_s
         turn_rad = limit_norm(plus(turned_rad, turn_rad), settings.speed_max_rad_s * sample.dt_s)
         shift_m = limit_norm(plus(moved_m, shift_m), most_m)
@@ -162,7 +165,15 @@ def comply(
             shift_m = plus(shift_m, swung_m, -1.0)
             shift_m, turn_rad = about_origin(sample, shift_m, turn_rad, most_m)
         T = moved(before, (shift_m, turn_rad), 1.0)
-    motion.T_base_tcp = _within_deviations(state, sample, T)
+    kept = _within_deviations(state, sample, T)
+    if kept is not T and sample.rotates and task.origin_m is None:
+        # A turn that is not made moves no point of contact, and was compensated.
+        _, cut_rad = speeds_between(kept, T, 1.0)
+        moves = [not held for held in task.held[0]]
+        back_m = masked(cross(cut_rad, lever_m), (moves[0], moves[1], moves[2]), sample.R_base_task)
+        kept = pin.SE3(kept.rotation, T.translation + np.array(back_m))
+        kept = _within_deviations(state, sample, kept)
+    motion.T_base_tcp = kept
     return motion
 
 

@@ -140,7 +140,7 @@ class GuardSample:
         press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)
         along_tool = rotated_back(R_base_tcp, press_axis)[2] > ALONG_TOOL
         # A tool that only presses must not meet its contact sideways.
-        side_trips = along_tool and not task.complies
+        side_trips = along_tool and not (task.complies or task.turns_freely)
         return cls(
             sample.force_N, sample.torque_Nm, sample.T_measured, contact,
             (*error_N, *error_Nm), press_axis, along_tool, side_trips,

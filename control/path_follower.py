@@ -58,6 +58,7 @@ class PathFollower:
     points: bool = False  # it guides the tool across its axis, whatever the task
     arrived: bool = False  # of points: at the last one
     aside_m: Array = field(default_factory=lambda: np.zeros(3))  # of points: by lateral force
+    push_m: Array = field(default_factory=lambda: np.zeros(3))  # the last part of it
     behind_m: float = 0.0  # of points: from the tool to the reference
     missed_m: float = 0.0  # length travelled without contact, or with another force
     height_m: float = 0.0  # of the tool over the curve when it last had contact, press axis
@@ -108,7 +109,7 @@ class PathFollower:
         path, curve, T, task = self, self.curve, motion.T_base_tcp, sample.task
         touches = motion.contact == "contact"
         if path.points:
-            path = path._arriving(sample)
+            path = path.arriving(sample)
         if (path.in_contact and not touches) or path.arrived:
             return replace(path, curve=replace(curve, now_m_s=0.0)), T, REST
         before = curve.T_reference
@@ -124,16 +125,18 @@ class PathFollower:
         if is_off or behind_m > BEHIND_M or behind_rad > BEHIND_RAD:
             share = 0.0
         pushed_m = T.translation - sample.motion.T_base_tcp.translation
-        if path.points and path.turns_frame and not task.held[0][1]:
-            lateral = np.array(sample.R_base_task)[:, 1]
-            path = replace(path, aside_m=path.aside_m + (pushed_m @ lateral) * lateral)
         room = room_m(pushed_m, curve.tangent, most_m)
+        if path.points:
+            path = path.pushed_aside(sample, pushed_m)
+            room = max(0.0, min(room, curve.feed_m_s * sample.dt_s) - path.behind_m)
         path = replace(path, curve=curve.advanced(sample.dt_s, share=share, most_m=room))
         now_m_s = path.curve.now_m_s
         if not touches or is_missed(error_N, task.press_N):
             path = replace(path, missed_m=path.missed_m + now_m_s * sample.dt_s)
         travel = speeds_between(before, path.curve.T_reference, 1.0)
         T_next = path.command(T, travel, sample=sample, most_m=most_m, pushed_m=pushed_m)
+        if path.points:  # their height means nothing, neither to a spring
+            travel = masked(travel[0], ACROSS, T.rotation.tolist()), ZERO3
         return path, T_next, travel
 
     @property
@@ -149,7 +152,21 @@ class PathFollower:
         away_m, away_rad = speeds_between(self._T_reference, T, 1.0)
         return hypot(*masked(away_m, along, R)), hypot(*masked(away_rad, about, R))
 
-    def _arriving(self, sample: LawInput) -> "PathFollower":
+    def pushed_aside(self, sample: LawInput, pushed_m: Array) -> "PathFollower":
+        """Return the path that goes along with lateral motion by force control, in frame path.
+
+        What the arbiter has not let through of the last push is taken back.
+        """
+        if not self.turns_frame or sample.task.held[0][1]:
+            return self
+        last_m, lateral = self.push_m, np.array(sample.R_base_task)[:, 1]
+        behind_m = self._T_reference.translation - sample.motion.T_base_tcp.translation
+        square = max(float(last_m @ last_m), LEAST_PIECE_M**2)
+        kept_m = (1.0 - min(max(float(behind_m @ last_m) / square, 0.0), 1.0)) * last_m
+        push_m = (pushed_m @ lateral) * lateral
+        return replace(self, aside_m=self.aside_m - last_m + kept_m + push_m, push_m=push_m)
+
+    def arriving(self, sample: LawInput) -> "PathFollower":
         """Return the path with what a tool that follows points is behind, and its arrival.
 
         Beyond the last point the axes are left to force control again.
@@ -202,15 +219,15 @@ def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:
 def tangent_frame(R_base_task: Rows, ahead: Array, R_base_tcp: Array, dt_s: float) -> Rows:
     """Return the tangent frame after a period: x along the path, z the tool's axis.
 
-    It turns about the tool's axis towards `ahead` (base axes, shape (3,)), at TURN_RAD_S at most,
-    and keeps its direction at the end of the path.
+    It turns about the tool's axis towards `ahead` (unit vector, base axes, shape (3,)), at
+    TURN_RAD_S at most, and keeps its direction at the end of the path.
     """
     z = R_base_tcp[:, 2]
     x = component_across(np.array(R_base_task)[:, 0], z)
     x /= np.linalg.norm(x)
     y = np.cross(z, x)
     ahead = component_across(ahead, z)
-    if np.linalg.norm(ahead) > LEAST_PIECE_M:
+    if np.linalg.norm(ahead) > LEAST_ACROSS:
         most = TURN_RAD_S * dt_s
         angle = min(max(float(np.arctan2(ahead @ y, ahead @ x)), -most), most)
         x = np.cos(angle) * x + np.sin(angle) * y

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from forcemesh.codec import SCHEMA_VERSION, Header, pack, unpack
 from forcemesh.errors import MessageError, MisroutedError
 from forcemesh.faults import FAULTS, tripped
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import CONTROLLER_BITS, Message
 
 M = TypeVar("M", bound=Message)
@@ -56,10 +57,12 @@ def readdressed(data: bytes, address: str) -> bytes:
 
 def upgraded_request(key: str, fields: Fields) -> Fields:
     """Return the fields of a recorded request in the words of today."""
-    task = fields.get("task")
-    if key != "request/force/start" or not isinstance(task, dict):
+    if key != "request/force/start":
         return fields
-    return fields | {"task": task | _axes(task)}
+    mode, task = fields.get("mode", "position"), fields.get("task")
+    if fields.get("law") in ("admittance", "guide") and mode in GUIDED:
+        return fields | {"law": "plain", "task": parse_task(GUIDED[mode]).as_dict()}
+    return fields | {"task": task | _axes(task)} if isinstance(task, dict) else fields
 
 
 def _upgraded(fields: Fields, key: str) -> Fields:

@@ -23,7 +23,7 @@ COMMANDING = ("robot", "sensor", "wrench", "regulator")  # roles whose loops mot
 
 
 class Monitored(NamedTuple):
-    """Faults found over several snapshots (watch.py)."""
+    """Faults found over several snapshots (monitors.py)."""
 
     faults: Sequence[Trip] = ()  # they end motion
     rest_s: float = inf  # time for which the arm has been at rest

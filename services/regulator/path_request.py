@@ -48,13 +48,14 @@ def next_path(
         poses: Those of the TCP that it means.
         T_base_tcp: Present command.
         task: Its held axes are those that poses move.
-        turns_frame: The task frame turns with the path: points, too, leave its axes to the force.
+        turns_frame: The task frame turns with the path.
         predicts: The law has a predictor.
         turns: Highest angular speeds.
     """
     path = before if request.append and before is not None and not before.arrived else None
     points = not request.poses and (path is None or path.points)
-    if points:  # at their own height: the tool's axis may turn on the way
+    if points and (any(task.torque_about) or any(task.compliant_about)):
+        # At their own height: the tool's axis may turn on the way.
         p_m = (np.array(point) for point in request.points_m)
         poses = [pin.SE3(T.rotation, p) for T, p in zip(poses, p_m, strict=True)]
     if path is None:

@@ -153,7 +153,8 @@ def _refused_poses(
         return tripped("setpoint", "a path has points or poses, not both")
     if not request.poses:
         return None
-    if request.append and session.path is not None and session.path.points:
+    before = session.path if request.append else None
+    if before is not None and before.points and not before.arrived:
         text = "poses cannot continue a path of points, whose height is free: send points"
         return tripped("setpoint", text)
     if all(session.goal.force_along):

@@ -15,7 +15,7 @@ from control.gains import PiGains, held_gains
 from control.guards import GuardState, kept_over_restart
 from control.law import LawInput, LawMotion, back_calculate
 from control.laws import LAWS
-from control.path_follower import PathFollower, tangent_frame
+from control.path_follower import PathFollower, component_across, tangent_frame
 from control.timing import LoopTiming, SampleTime
 from forcemesh.force_task import task_text
 from forcemesh.messages import (
@@ -87,9 +87,14 @@ class ForceSession:
 
     def path_end(self, *, append: bool) -> pin.SE3:
         """Return where a path begins: at the end of the present one, or at the command."""
-        if append and self.path is not None and not self.path.arrived:
-            return self.path.curve.T_end
-        return self.motion.T_base_tcp
+        T, path = self.motion.T_base_tcp, self.path
+        if not append or path is None or path.arrived:
+            return T
+        T_end = path.curve.T_end
+        if not path.points:
+            return T_end
+        ahead_m = component_across(T_end.translation - T.translation, T.rotation[:, 2])
+        return pin.SE3(T.rotation, T.translation + ahead_m)
 
 
 def move(

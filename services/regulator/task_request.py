@@ -68,6 +68,7 @@ def request_task(
             _limits([_turn_deadband(axis, cell) for axis in axes[3:]]),
         ),
         speeds=(_speeds(axes[:3]), _speeds(axes[3:])),
+        turns_freely=any(map(_turns_freely, axes[3:])),
         compliant_along=tuple(map(_virtual_mass, axes[:3])),
         compliant_about=tuple(
             None if _turns_freely(axis) else _virtual_mass(axis) for axis in axes[3:]

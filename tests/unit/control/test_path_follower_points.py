@@ -61,7 +61,7 @@ def test_the_frame_of_a_path_turns_with_it() -> None:
 
 def test_a_tangent_frame_turns_no_faster_than_its_limit() -> None:
     """Lateral set points turn with it; at the end of a path it keeps its direction."""
-    ahead = np.array([0.0, 0.01, 0.0])
+    ahead = np.array([0.0, 1.0, 0.0])
     R = np.array(tangent_frame(IDENTITY, ahead, np.eye(3), 0.01))
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(0.06)
     there = np.array(tangent_frame(IDENTITY, np.zeros(3), np.eye(3), 0.01))
@@ -167,19 +167,61 @@ class PointsBench(FollowingBench):
 
 
 LATERAL = ForceStartRequest(task=parse_task("z=force:8 y=force:0", "path"), law="plain")
+PRESS_8 = PRESS.replaced(setpoint_N=8.0)
 ALL_FREE = ForceStartRequest(mode="position", setpoint_N=8.0, law="plain")
 
 
 @pytest.mark.parametrize("path_mm", [1.5, 10.0])
 def test_a_tool_that_limits_slow_down_still_reaches_the_last_point(path_mm: float) -> None:
     """Found: it stopped up to 2 mm before it, and nothing was left of the path."""
-    bench = PointsBench(PRESS)
+    bench = PointsBench(PRESS_8)
     bench.slowest_m = 0.005 * PERIOD_S
     bench.send((path_mm, 0.0, 0.0), speed_m_s=0.02)
     bench.pass_s(0.1)
-    assert (bench.published().path_left_m or 0.0) > 0.7e-3 * path_mm
+    assert (bench.published().path_left_m or 0.0) > 0.6e-3 * path_mm
     bench.until_the_end()
     assert bench.at_mm()[:2] == pytest.approx([path_mm, 0.0], abs=1e-3)
+
+
+def test_each_corner_is_met_also_behind_a_slower_limit() -> None:
+    """Found: the reference went round it before the tool was there."""
+    bench, corners = PointsBench(PRESS_8), [(10.0, 0.0, 0.0), (10.0, 10.0, 0.0), (0.0, 10.0, 0.0)]
+    bench.slowest_m = 0.005 * PERIOD_S
+    bench.send(*corners, speed_m_s=0.02)
+    bench.until_the_end()
+    passed_mm = [1e3 * bench.begin.actInv(T).translation[:2] for T in bench.poses]
+    for corner in corners:
+        assert min(np.linalg.norm(place - corner[:2]) for place in passed_mm) < 0.05
+
+
+def test_the_height_of_points_means_nothing() -> None:
+    """Neither to the workspace, nor to the feed, nor to a spring along the tool's axis."""
+    task = parse_task("z=compliant,stiffness=500")
+    bench = PointsBench(ForceStartRequest(task=task, law="plain"))
+    bench.load()
+    bench.pass_s(1.0)
+    away_m = bench.published().axes[2].deviation
+    bench.send((10.0, 0.0, 600.0), (20.0, 0.0, 630.0), speed_m_s=0.02, in_contact=False)
+    bench.pass_s(0.2)
+    bench.send((30.0, 0.0, 590.0), speed_m_s=0.02, append=True, in_contact=False)
+    bench.until_the_end()
+    assert bench.at_mm()[0] == pytest.approx(30.0, abs=1e-3)
+    assert bench.published().axes[2].deviation == pytest.approx(away_m, abs=1e-3)
+
+
+def test_a_lateral_push_behind_a_limit_ends_with_its_force() -> None:
+    """Found: what the arbiter had not let through was made up for seconds later."""
+    bench = PointsBench(LATERAL)
+    bench.slowest_m = 0.003 * PERIOD_S
+    bench.send((40.0, 0.0, 0.0), speed_m_s=0.02)
+    bench.load(y_N=15.0)
+    bench.pass_s(1.5)
+    bench.load()
+    bench.pass_s(0.1)
+    (x_mm, y_mm, _) = bench.at_mm()
+    bench.pass_s(1.0)
+    assert bench.at_mm()[1] - y_mm < 0.3
+    assert bench.at_mm()[0] - x_mm > 2.0
 
 
 @pytest.mark.parametrize("law", ["plain", "adaptive"])
@@ -240,7 +282,7 @@ def test_a_wall_in_the_way_brings_points_to_a_stand(request_: ForceStartRequest)
 
 def test_points_before_the_contact_do_not_end_its_search() -> None:
     """Without waiting for contact the tool goes down along the path."""
-    bench = PointsBench(PRESS)
+    bench = PointsBench(PRESS_8)
     bench.push()
     bench.send((20.0, 0.0, 0.0), speed_m_s=0.02, in_contact=False)
     bench.pass_s(0.8)

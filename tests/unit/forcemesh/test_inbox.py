@@ -19,7 +19,7 @@ from forcemesh.codec import (
     encode_record,
 )
 from forcemesh.errors import BusError, DataError
-from forcemesh.force_task import parse_task
+from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import Health
 from forcemesh.records import Record
 from forcemesh.requests import (
@@ -286,7 +286,7 @@ def test_every_request_is_published_once_with_its_reply(
 
 
 def test_a_recorded_task_has_the_words_of_today() -> None:
-    """Compliant axes were `admittance` or `free`."""
+    """Compliant axes were `admittance` or `free`, and hand guiding was a law."""
     server = RequestServer(topics.FORCE_START)
     server.serve(encode_record(ForceStartRequest(task=parse_task("x=compliant z=force:5"))))
     (served,) = server.published()
@@ -295,6 +295,10 @@ def test_a_recorded_task_has_the_words_of_today() -> None:
         again = request_data(recorded, server.address, server.clock)
         task = decode_record(again, ForceStartRequest).task
         assert task == parse_task("x=compliant z=force:5")
+    server.serve(encode_record(ForceStartRequest(mode="both", law="admittance")))
+    again = request_data(server.published()[-1], server.address, server.clock)
+    request = decode_record(again, ForceStartRequest)
+    assert (request.law, request.task) == ("plain", parse_task(GUIDED["both"]))
 
 
 def test_a_request_that_is_too_long_is_left_out_and_its_length_is_published() -> None:

@@ -47,10 +47,9 @@ class AxisTask:
     speeds: tuple[Limits | None, Limits | None] = (None, None)  # [m/s], [rad/s]
 
     turns_freely: bool = False  # a hand may turn the tool: torque control at set point 0
-    compliant_along: tuple[VirtualMass | None, ...] = (
-        None,
-    ) * 3  # axes along which the tool complies
-    compliant_about: tuple[VirtualMass | None, ...] = (None,) * 3  # axes about which it complies
+    # Of each axis along and about which the tool complies; None: it does not.
+    compliant_along: tuple[VirtualMass | None, ...] = (None,) * 3
+    compliant_about: tuple[VirtualMass | None, ...] = (None,) * 3
     deviations: tuple[Limits, Limits] = (CELLS, CELLS)  # from the reference [m], [rad]
 
     @property
@@ -59,16 +58,18 @@ class AxisTask:
         return any(each is not None for each in (*self.compliant_along, *self.compliant_about))
 
     @property
-    def held(self) -> tuple[Flags, Flags]:
-        """Axes along and about which neither a set point nor compliance moves the tool."""
-        x, y, z = [
-            not a and b is None for a, b in zip(self.force_along, self.compliant_along, strict=True)
-        ]
-        rx, ry, rz = [
-            not a and b is None
-            for a, b in zip(self.torque_about, self.compliant_about, strict=True)
-        ]
+    def moving(self) -> tuple[Flags, Flags]:
+        """Axes along and about which a set point or compliance moves the tool."""
+        along = zip(self.force_along, self.compliant_along, strict=True)
+        about = zip(self.torque_about, self.compliant_about, strict=True)
+        x, y, z, rx, ry, rz = [a or b is not None for a, b in (*along, *about)]
         return (x, y, z), (rx, ry, rz)
+
+    @property
+    def held(self) -> tuple[Flags, Flags]:
+        """The other axes."""
+        (x, y, z), (rx, ry, rz) = self.moving
+        return (not x, not y, not z), (not rx, not ry, not rz)
 
     @property
     def press_N(self) -> float:

@@ -1,4 +1,4 @@
-"""Compliant axes of a task frame, beside force control along the others. Pure.
+"""Compliant axes of a task frame, with force control along the others. Pure.
 
 Along each compliant axis a virtual mass, damper and spring respond to the force (N. Hogan,
 Impedance control, 1985), with F' the force beyond a deadband and x the deviation from the
@@ -147,12 +147,13 @@ def comply(
     control leaves the point of contact where it is, as in `law.contact_of`.
     """
     task, before = sample.task, sample.motion.T_base_tcp
-    T, lever_m = motion.T_base_tcp, lever_of(sample, settings.touch_N)
+    T = motion.T_base_tcp
     if task.complies:
         shift_m, turn_rad = _compliant_steps(state, sample, settings)
         moved_m, turned_rad = speeds_between(before, T, 1.0)
         if task.origin_m is None:
             x, y, z = [each is not None for each in task.compliant_along]
+            lever_m = lever_of(sample, settings.touch_N)
             shift_m = plus(shift_m, cross(turned_rad, lever_m), -1.0)
             shift_m = masked(
                 shift_m, (x, y, z), sample.R_base_task, task.speeds[0], share=sample.dt_s
@@ -167,14 +168,23 @@ def comply(
         T = moved(before, (shift_m, turn_rad), 1.0)
     kept = _within_deviations(state, sample, T)
     if kept is not T and sample.rotates and task.origin_m is None:
-        # A turn that is not made moves no point of contact, and was compensated.
-        _, cut_rad = speeds_between(kept, T, 1.0)
-        moves = [not held for held in task.held[0]]
-        back_m = masked(cross(cut_rad, lever_m), (moves[0], moves[1], moves[2]), sample.R_base_task)
-        kept = pin.SE3(kept.rotation, T.translation + np.array(back_m))
+        kept = _without_cut_turn(T, kept, sample, settings)
         kept = _within_deviations(state, sample, kept)
     motion.T_base_tcp = kept
     return motion
+
+
+def _without_cut_turn(
+    T: pin.SE3, kept: pin.SE3, sample: LawInput, settings: ComplianceSettings
+) -> pin.SE3:
+    """Return the kept pose without compensation of the turn that the deviations cut.
+
+    That turn moves no point of contact.
+    """
+    _, cut_rad = speeds_between(kept, T, 1.0)
+    back_m = cross(cut_rad, lever_of(sample, settings.touch_N))
+    back_m = masked(back_m, sample.task.moving[0], sample.R_base_task)
+    return pin.SE3(kept.rotation, T.translation + np.array(back_m))
 
 
 def axis_states(task: ForceTask, sample: LawInput, state: ComplianceState) -> tuple[AxisState, ...]:

@@ -132,9 +132,9 @@ class GuardSample:
             law: Motion that the law has returned.
         """
         task = sample.task
-        moved, turned = [(not x, not y, not z) for x, y, z in task.held]
-        error_N = masked(law.error_force_N or ZERO3, moved, sample.R_base_task)
-        error_Nm = masked(law.error_torque_Nm or ZERO3, turned, sample.R_base_task)
+        along, about = task.moving
+        error_N = masked(law.error_force_N or ZERO3, along, sample.R_base_task)
+        error_Nm = masked(law.error_torque_Nm or ZERO3, about, sample.R_base_task)
         contact, presses = law.contact if sample.moves else "free", task.press_N > 0.0
         R_base_tcp = sample.T_measured.rotation.tolist()
         press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)

@@ -33,7 +33,7 @@ LEAST_FEED = 0.1  # of the feed: an error that only motion removes must not stop
 MISSED_SHARE, MISSED_N = 0.2, 1.0  # force error beyond which the path counts as missed
 BEHIND_M = 0.002  # deviation along a held axis at which the path waits for the tool
 BEHIND_RAD = 0.02
-SEARCH_M = 0.001  # below the height of the last contact, where a path goes on without contact
+SEARCH_M = 0.001  # below the height of the last contact, on a path without contact
 LEAST_ACROSS = 0.1  # sine of the angle to the tool's axis: a steeper path gives the frame no x axis
 TURN_RAD_S = 6.0  # fastest turn of the tangent frame: lateral set points turn with it
 ACROSS: Flags = (True, True, False)  # the tool's axis
@@ -108,8 +108,9 @@ class PathFollower:
         """
         path, curve, T, task = self, self.curve, motion.T_base_tcp, sample.task
         touches = motion.contact == "contact"
+        behind_m, behind_rad = self.behind(sample)
         if path.points:
-            path = path.arriving(sample)
+            path = path.arriving(behind_m)
         if (path.in_contact and not touches) or path.arrived:
             return replace(path, curve=replace(curve, now_m_s=0.0)), T, REST
         before = curve.T_reference
@@ -120,7 +121,6 @@ class PathFollower:
             T = pin.SE3(T.rotation, sample.motion.T_base_tcp.translation)
         error_N = -dot(motion.error_force_N or ZERO3, sample.press_axis)
         share = feed_share(error_N, task.press_N) if touches else 1.0
-        behind_m, behind_rad = path.behind(sample)
         is_off = path.turns_frame and _off_tangent(sample.R_base_task, curve.tangent)
         if is_off or behind_m > BEHIND_M or behind_rad > BEHIND_RAD:
             share = 0.0
@@ -166,12 +166,11 @@ class PathFollower:
         push_m = (pushed_m @ lateral) * lateral
         return replace(self, aside_m=self.aside_m - last_m + kept_m + push_m, push_m=push_m)
 
-    def arriving(self, sample: LawInput) -> "PathFollower":
-        """Return the path with what a tool that follows points is behind, and its arrival.
+    def arriving(self, behind_m: float) -> "PathFollower":
+        """Return the path with the distance from a tool that follows points, and its arrival.
 
         Beyond the last point the axes are left to force control again.
         """
-        behind_m, _ = self.behind(sample)
         arrived = self.arrived or (not self.curve.pending and behind_m < LEAST_PIECE_M)
         return replace(self, behind_m=0.0 if arrived else behind_m, arrived=arrived)
 

@@ -9,10 +9,10 @@ farther from the newest command than every command of the last
 
     window = delay + chain + 2 reports + 2 samples
 
-the link lags: accumulated commands would be sent as one step. Commands added meanwhile came from
-forces that the arm had not changed yet: the law returns to the oldest command of the window and
-restarts from there. Poses are compared, not numbers of commands: a gateway sends poses between two
-commands, which only their place tells.
+the link is stalled: accumulated commands would be sent as one step. Commands added meanwhile came
+from forces that the arm had not changed yet: the law returns to the oldest command of the window
+and restarts from there. Poses are compared, not numbers of commands: a gateway also sends poses
+between two commands, and those have no number.
 """
 
 from collections import deque

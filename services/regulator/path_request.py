@@ -16,7 +16,6 @@ from control.path_follower import PathFollower, component_across
 from forcemesh.requests import PathRequest
 
 IN_PLACE_SHARE = 0.25  # of the speed of an approach, at the edge of the tool
-
 MOST_PATH_POINTS = 600  # pending at once
 
 

@@ -375,8 +375,8 @@ def test_a_person_may_push_a_tool_that_turns_freely_back() -> None:
         assert GuardSample.of(sample_of(task), start_at(START)).side_trips == is_passive
 
 
-WITHIN = GUIDED["position"] + " rx=compliant ry=compliant rz=compliant,deviation=0.2"
-BESIDE = "x=compliant y=force:0 z=compliant rx=compliant ry=compliant rz=compliant"
+LIMITED_TURN = GUIDED["position"] + " rx=compliant ry=compliant rz=compliant,deviation=0.2"
+WITH_FORCE = "x=compliant y=force:0 z=compliant rx=compliant ry=compliant rz=compliant"
 
 
 @pytest.mark.parametrize(
@@ -384,8 +384,8 @@ BESIDE = "x=compliant y=force:0 z=compliant rx=compliant ry=compliant rz=complia
     [
         (GUIDED["both"], 5e3, 0.2),
         (GUIDED["both"], 2e4, 0.1),
-        (WITHIN, 2e4, 0.1),
-        (BESIDE, 2e4, 0.1),
+        (LIMITED_TURN, 2e4, 0.1),
+        (WITH_FORCE, 2e4, 0.1),
         ("x=force:0 y=force:0 z=force:0 rx=held ry=held rz=torque:0,deviation=0.2", 2e4, 0.1),
     ],
 )

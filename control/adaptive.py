@@ -17,7 +17,7 @@ point.
 
 c is scheduled on `rates.robot_hz`: a controller that reports rarely also executes poses rarely,
 each with its own delay, and deviates more from the delay model. The predictor requires that
-commands are executed unchanged, so the law accelerates and brakes no faster than the arm may.
+commands are executed unchanged, so its motion accelerates and brakes no faster than the arm may.
 """
 
 from dataclasses import dataclass, field, replace
@@ -49,7 +49,6 @@ ROBOT_PERIODS_S = (0.010, 0.025)  # of the rows of gain limits
 LOOP = (3.4, 2.0)
 FULL_PREDICTION_LOOP = (2.5, 2.0)
 LARGEST_PREDICTION_WEIGHT = (0.9, 1.0)
-ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter must not have to limit the command
 BRAKE_SHARE = 0.8  # of the cell's limit: the rest is margin for disturbances
 LEAST_GAIN_M_PER_NS = 1e-9  # a request may set the gain to zero
 LEAST_ERROR_N, LEAST_SHARE = 1e-9, 0.1  # least share of the braking per axis
@@ -94,7 +93,7 @@ class AdaptiveSettings:
             float(np.interp(1.0 / plant.robot_hz, ROBOT_PERIODS_S, row))
             for row in (LOOP, FULL_PREDICTION_LOOP, LARGEST_PREDICTION_WEIGHT)
         )
-        plain = replace(LawSettings.of(cell), accel_max_m_s2=ACCEL_SHARE * cell.limits.accel_m_s2)
+        plain = LawSettings.of(cell)
         return cls(
             plain=plain,
             in_contact=replace(plain, deadband_N=DEADBAND_IN_CONTACT * plain.deadband_N),

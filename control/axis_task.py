@@ -53,16 +53,23 @@ class AxisTask:
     deviations: tuple[Limits, Limits] = (CELLS, CELLS)  # from the reference [m], [rad]
 
     @property
+    def compliant(self) -> tuple[Flags, Flags]:
+        """Axes along and about which a virtual mass moves the tool."""
+        both = (*self.compliant_along, *self.compliant_about)
+        x, y, z, rx, ry, rz = [each is not None for each in both]
+        return (x, y, z), (rx, ry, rz)
+
+    @property
     def complies(self) -> bool:
         """Whether an axis follows a virtual mass."""
-        return any(each is not None for each in (*self.compliant_along, *self.compliant_about))
+        return self.compliant != (NONE, NONE)
 
     @property
     def moving(self) -> tuple[Flags, Flags]:
         """Axes along and about which a set point or compliance moves the tool."""
-        along = zip(self.force_along, self.compliant_along, strict=True)
-        about = zip(self.torque_about, self.compliant_about, strict=True)
-        x, y, z, rx, ry, rz = [a or b is not None for a, b in (*along, *about)]
+        forced = (*self.force_along, *self.torque_about)
+        along, about = self.compliant
+        x, y, z, rx, ry, rz = [a or b for a, b in zip(forced, (*along, *about), strict=True)]
         return (x, y, z), (rx, ry, rz)
 
     @property

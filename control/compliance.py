@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 from math import exp, hypot
 from typing import Self
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -29,19 +28,17 @@ from common.config.plant import Delays
 from common.motion.frames import (
     Speeds,
     Vector,
-    cross,
     moved,
     plus,
     product,
     rotated,
     rotated_back,
-    scaled,
     speeds_between,
 )
-from control.axis_task import AxisTask, VirtualMass, clipped, masked
+from control.axis_task import AxisTask, VirtualMass
 from control.delay_model import LoopDelayModel
 from control.gain_rule import LOOP_GAIN
-from control.law import LawInput, LawMotion, about_origin, lever_of, limit_norm, task_deadband
+from control.law import LawInput, LawMotion, task_deadband
 from forcemesh.messages import ZERO3, AxisState, Vec3
 from forcemesh.requests import ForceTask
 
@@ -54,7 +51,6 @@ RECENT_S = 0.01  # time constant of the means from which the stiffness is comput
 LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
 STIFFER_THAN_CONTACT = 1.1
 RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
-AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
 
@@ -74,9 +70,6 @@ class ComplianceSettings:
     inertia_kg_m2: float
     wrench_filter: Delays  # from the measured pose to the filtered force
     stiffest_N_m: float
-    touch_N: float
-    speed_max_m_s: float
-    speed_max_rad_s: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "ComplianceSettings":
@@ -90,9 +83,6 @@ class ComplianceSettings:
             inertia_kg_m2=MASSES * plant.inertia_kg_m2,
             wrench_filter=plant.wrench,
             stiffest_N_m=max(STIFFER_THAN_CONTACT * plant.stiffness_N_m, HAND_N_M),
-            touch_N=force.touch_N,
-            speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
-            speed_max_rad_s=force.speed_max_rad_s,
         )
 
 
@@ -130,6 +120,13 @@ class ComplianceState:
         R = sample.R_base_task
         return rotated_back(R, moved_m), rotated_back(R, turned_rad)
 
+    def keep(self, speed_m_s: Vec3, speed_rad_s: Vec3, sample: LawInput) -> None:
+        """Continue the virtual masses at what limits have left of their speeds, base axes."""
+        if sample.task.complies:
+            R, (along, about) = sample.R_base_task, sample.task.compliant
+            self.speed_m_s = product(rotated_back(R, speed_m_s), along)
+            self.speed_rad_s = product(rotated_back(R, speed_rad_s), about)
+
 
 def referring(task: AxisTask) -> tuple[object, ...]:
     """Return the axes of a task that refer to a reference, and their limits."""
@@ -140,51 +137,16 @@ def referring(task: AxisTask) -> tuple[object, ...]:
 
 def comply(
     state: ComplianceState, sample: LawInput, motion: LawMotion, settings: ComplianceSettings
-) -> LawMotion:
-    """Return the motion of force control with that of the compliant axes, within deviations.
-
-    Force control and compliance together keep the speed limit of force feedback. A turn by torque
-    control leaves the point of contact where it is, as in `law.contact_of`.
-    """
-    task, before = sample.task, sample.motion.T_base_tcp
-    T = motion.T_base_tcp
-    if task.complies:
-        shift_m, turn_rad = _compliant_steps(state, sample, settings)
-        moved_m, turned_rad = speeds_between(before, T, 1.0)
-        if task.origin_m is None:
-            x, y, z = [each is not None for each in task.compliant_along]
-            lever_m = lever_of(sample, settings.touch_N)
-            shift_m = plus(shift_m, cross(turned_rad, lever_m), -1.0)
-            shift_m = masked(
-                shift_m, (x, y, z), sample.R_base_task, task.speeds[0], share=sample.dt_s
-            )
-        most_m = settings.speed_max_m_s * sample.dt_s
-        turn_rad = limit_norm(plus(turned_rad, turn_rad), settings.speed_max_rad_s * sample.dt_s)
-        shift_m = limit_norm(plus(moved_m, shift_m), most_m)
-        if task.origin_m is not None:  # what force control turned is on its arc already
-            swung_m = cross(turned_rad, sample.arm_m)
-            shift_m = plus(shift_m, swung_m, -1.0)
-            shift_m, turn_rad = about_origin(sample, shift_m, turn_rad, most_m)
-        T = moved(before, (shift_m, turn_rad), 1.0)
-    kept = _within_deviations(state, sample, T)
-    if kept is not T and sample.rotates and task.origin_m is None:
-        kept = _without_cut_turn(T, kept, sample, settings)
-        kept = _within_deviations(state, sample, kept)
-    motion.T_base_tcp = kept
-    return motion
-
-
-def _without_cut_turn(
-    T: pin.SE3, kept: pin.SE3, sample: LawInput, settings: ComplianceSettings
-) -> pin.SE3:
-    """Return the kept pose without compensation of the turn that the deviations cut.
-
-    That turn moves no point of contact.
-    """
-    _, cut_rad = speeds_between(kept, T, 1.0)
-    back_m = cross(cut_rad, lever_of(sample, settings.touch_N))
-    back_m = masked(back_m, sample.task.moving[0], sample.R_base_task)
-    return pin.SE3(kept.rotation, T.translation + np.array(back_m))
+) -> None:
+    """Add what the compliant axes want in this period to the motion of force control."""
+    if not sample.task.complies:
+        return
+    R, dt_s = sample.R_base_task, sample.dt_s
+    away_m, away_rad = state.deviation(sample.motion.T_base_tcp, sample)
+    speed_m_s = _speeds_along(state, sample, settings, away_m)
+    speed_rad_s = _speeds_about(state, sample, settings, away_rad)
+    motion.shift_m = plus(motion.shift_m, rotated(R, speed_m_s), dt_s)
+    motion.turn_rad = plus(motion.turn_rad, rotated(R, speed_rad_s), dt_s)
 
 
 def axis_states(task: ForceTask, sample: LawInput, state: ComplianceState) -> tuple[AxisState, ...]:
@@ -212,17 +174,6 @@ def axis_states(task: ForceTask, sample: LawInput, state: ComplianceState) -> tu
     )
 
 
-def _compliant_steps(
-    state: ComplianceState, sample: LawInput, settings: ComplianceSettings
-) -> tuple[Vec3, Vec3]:
-    """Return shift [m] and rotation [rad] of the compliant axes in this period, base axes."""
-    (most_m_s, most_rad_s), dt_s, R = sample.task.speeds, sample.dt_s, sample.R_base_task
-    away_m, away_rad = state.deviation(sample.motion.T_base_tcp, sample)
-    state.speed_m_s = clipped(_speeds_along(state, sample, settings, away_m), most_m_s)
-    state.speed_rad_s = clipped(_speeds_about(state, sample, settings, away_rad), most_rad_s)
-    return rotated(R, scaled(state.speed_m_s, dt_s)), rotated(R, scaled(state.speed_rad_s, dt_s))
-
-
 def _speeds_along(
     state: ComplianceState, sample: LawInput, settings: ComplianceSettings, away_m: Vec3
 ) -> Vec3:
@@ -238,7 +189,7 @@ def _speeds_along(
     ]
     drag_N = product(damping_Ns_m, state.speed_m_s)
     width_N = max(rest_N - NARROWS * hypot(*drag_N), NARROWEST * rest_N)
-    complies = [each is not None for each in task.compliant_along]
+    complies, _ = task.compliant
     # A deadband that widens as the tool comes to rest would let a spring pull it back into motion.
     x, y, z = [
         rest_N if own is None and each.stiffness > 0.0 else own
@@ -253,7 +204,7 @@ def _speeds_along(
         )
         for v, F, D, each, x in loads
     ]  # fmt: skip
-    return limit_norm(product(speeds, complies), settings.speed_max_m_s)
+    return product(speeds, complies)
 
 
 def _speeds_about(
@@ -263,7 +214,7 @@ def _speeds_about(
     task, gains = sample.task, sample.gains.torque_i_rad_per_Nms
     if not any(task.compliant_about):
         return ZERO3
-    complies = [each is not None for each in task.compliant_about]
+    _, complies = task.compliant
     torque_Nm = product(rotated_back(sample.R_base_task, sample.task_torque_Nm()), complies)
     load_Nm = task_deadband(torque_Nm, settings.deadband_Nm, 0.0, task.deadbands[1])
     least = 1.0 / max(min(gains), LEAST_GAIN)
@@ -325,18 +276,3 @@ def _update_stiffness(
         state.k_N_m[axis] = k_N_m
         state.recent_m[axis] += share * d_m
         state.recent_N[axis] += share * d_N
-
-
-def _within_deviations(state: ComplianceState, sample: LawInput, T_base_tcp: pin.SE3) -> pin.SE3:
-    """Return the pose within the largest deviations from the reference, and note the limits."""
-    limits_m, limits_rad = sample.task.deviations
-    if not any(limit is not None for limit in (*limits_m, *limits_rad)):
-        return T_base_tcp
-    away_m, away_rad = state.deviation(T_base_tcp, sample)
-    kept_m, kept_rad = clipped(away_m, limits_m), clipped(away_rad, limits_rad)
-    pairs = zip((*away_m, *away_rad), (*limits_m, *limits_rad), strict=True)
-    state.at_limit = [limit is not None and abs(away) > AT_LIMIT * limit for away, limit in pairs]
-    if (kept_m, kept_rad) == (away_m, away_rad):
-        return T_base_tcp
-    R = sample.R_base_task
-    return moved(state.T_reference, (rotated(R, kept_m), rotated(R, kept_rad)), 1.0)

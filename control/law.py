@@ -5,16 +5,17 @@ PI control in velocity form on an unrounded commanded pose x of the TCP, error e
     x <- x + Kp (e - e_previous) + Ki e dt                       (force feedback position)
     R <- exp(Kpr (M - M_previous) + Kir M dt) R, base axes, about the TCP  (orientation, task c)
 
-In mode both, the rotation is fed forward to the position so that the contact point stays in place.
-Anti-windup is back-calculation: the state continues from the pose that the limits passed on
-(`back_calculate`), so nothing accumulates behind a limit. The other laws replace the speed of its
-integral part: every law is `step(state, sample, settings) -> (state, motion)`, a row of `laws.py`.
+It knows no limits: what it wants becomes the command in `shape.py`. Anti-windup is
+back-calculation: the state continues from the pose that the limits passed on, there and in the
+arbiter (`back_calculate`), so nothing accumulates behind a limit. The other laws replace the speed
+of its integral part: every law is `step(state, sample, settings) -> (state, motion)`, a row of
+`laws.py`.
 
 Positive force is exerted by the environment on the robot; yielding means moving along it.
 """
 
 from dataclasses import dataclass, field, replace
-from math import copysign, hypot, inf
+from math import copysign, hypot
 from typing import Literal
 
 import pinocchio as pin
@@ -25,7 +26,6 @@ from common.motion.frames import (
     Vector,
     cross,
     dot,
-    moved,
     plus,
     product,
     rotated,
@@ -40,7 +40,6 @@ from forcemesh.messages import ZERO3, Vec3
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
-NO_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
 
@@ -50,13 +49,10 @@ class LawSettings:
 
     deadband_N: float
     deadband_Nm: float
-    speed_max_m_s: float
-    speed_max_rad_s: float
     approach_m_s: float
     approach_accel_m_s2: float  # low enough that the tool's inertia does not look like contact
     touch_N: float
     rest_N: float = 0.0  # a smaller error is rounding of the set point: it would never come to rest
-    accel_max_m_s2: float = inf  # finite for a law with a predictor
 
     @classmethod
     def of(cls, cell: CellConfig) -> "LawSettings":
@@ -66,8 +62,6 @@ class LawSettings:
             deadband_N=force.deadband_N,
             rest_N=plant.rounding_m * plant.stiffness_N_m,
             deadband_Nm=force.deadband_Nm,
-            speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
-            speed_max_rad_s=force.speed_max_rad_s,
             approach_m_s=plant.probe_m_s,
             approach_accel_m_s2=APPROACH_INERTIA_SHARE * force.touch_N / plant.inertia_kg,
             touch_N=force.touch_N,
@@ -76,14 +70,16 @@ class LawSettings:
 
 @dataclass(slots=True)
 class LawMotion:
-    """Commanded pose and the last errors; None before the first sample: no proportional kick."""
+    """Commanded pose, what a law wants for the next one, and the last errors."""
 
     T_base_tcp: pin.SE3
-    error_force_N: Vec3 | None = None
+    error_force_N: Vec3 | None = None  # before the first sample: no proportional kick
     error_torque_Nm: Vec3 | None = None
     contact: Contact = "free"
     approach_m_s: float = 0.0  # present speed of the approach
-    speed_m_s: Vec3 = ZERO3  # commanded by force control, base axes
+    shift_m: Vec3 = ZERO3  # wanted in this period, base axes
+    turn_rad: Vec3 = ZERO3  # the same: rotation vector
+    speed_m_s: Vec3 = ZERO3  # commanded, without what a turn adds, base axes
     lever_m: Vector | None = None  # from the TCP to the contact point, base axes; mode both
     follows: bool = False  # tracks a moving surface along the press axis
 
@@ -129,16 +125,6 @@ class LawInput:
             return self.torque_Nm
         return plus(self.torque_Nm, cross(self.arm_m, self.force_N))
 
-    def along(self, motion: Vec3, dt_s: float = 1.0) -> Vec3:
-        """Return a translation in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
-        task = self.task
-        return masked(motion, task.force_along, self.R_base_task, task.speeds[0], share=dt_s)
-
-    def about(self, turn: Vec3, dt_s: float = 1.0) -> Vec3:
-        """Return a rotation vector in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
-        task = self.task
-        return masked(turn, task.torque_about, self.R_base_task, task.speeds[1], share=dt_s)
-
 
 def start_at(T_base_tcp: pin.SE3) -> LawMotion:
     """Return the motion that commands the present pose (bumpless start)."""
@@ -153,7 +139,7 @@ def back_calculate(motion: LawMotion, T_base_tcp: pin.SE3) -> LawMotion:
 def next_motion(
     sample: LawInput, settings: LawSettings, integral_m_s: Vec3 | None = None
 ) -> LawMotion:
-    """Return the motion after this sample; its pose is the next command.
+    """Return the motion that is wanted after this sample, without limits.
 
     A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
     """
@@ -163,29 +149,24 @@ def next_motion(
     error_Nm = plus(sample.task_torque_Nm(), rotated(sample.R_base_task, task.torque_Nm))
     error_N, error_Nm = _beyond_deadbands(sample, settings, error_N, error_Nm)
     contact, lever_m = contact_of(sample, settings.touch_N)
-    turn_rad = shift_m = speed_m_s = ZERO3
-    approach_m_s = 0.0
+    motion = LawMotion(before.T_base_tcp, error_N, error_Nm, contact, lever_m=lever_m)
     if sample.rotates:
         change_Nm = plus(error_Nm, before.error_torque_Nm or error_Nm, -1.0)
         step_rad = product(gains.torque_p_rad_per_Nm, change_Nm)
         step_rad = plus(step_rad, product(gains.torque_i_rad_per_Nms, error_Nm), dt_s)
-        turn_rad = limit_norm(sample.about(step_rad, dt_s), settings.speed_max_rad_s * dt_s)
-    if sample.moves and contact == "approach":
+        motion.turn_rad = masked(step_rad, task.torque_about, sample.R_base_task)
+    if not sample.moves:
+        return motion
+    if contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
-        approach_m_s = min(faster_m_s, settings.approach_m_s)
-        speed_m_s = sample.along(scaled(sample.press_axis, approach_m_s))
-        shift_m = scaled(speed_m_s, dt_s)
-    elif sample.moves:
-        shift_m = _yielding(sample, settings, error_N, integral_m_s)
-        speed_m_s = scaled(shift_m, 1.0 / dt_s)
-        if lever_m is not None:
-            shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
-            shift_m = limit_norm(sample.along(shift_m, dt_s), settings.speed_max_m_s * dt_s)
-    if task.origin_m is not None:
-        most_m = settings.speed_max_m_s * dt_s
-        shift_m, turn_rad = about_origin(sample, shift_m, turn_rad, most_m)
-    T_base_tcp = moved(before.T_base_tcp, (shift_m, turn_rad), 1.0)
-    return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
+        motion.approach_m_s = min(faster_m_s, settings.approach_m_s)
+        step_m = scaled(sample.press_axis, motion.approach_m_s * dt_s)
+    else:
+        change_N = plus(error_N, before.error_force_N or error_N, -1.0)
+        speed_m_s = integral_m_s or product(gains.force_i_m_per_Ns, error_N)
+        step_m = plus(product(gains.force_p_m_per_N, change_N), speed_m_s, dt_s)
+    motion.shift_m = masked(step_m, task.force_along, sample.R_base_task)
+    return motion
 
 
 def _beyond_deadbands(
@@ -202,29 +183,13 @@ def _beyond_deadbands(
     return rotated(R, along_N), rotated(R, about_Nm)
 
 
-def _yielding(
-    sample: LawInput, settings: LawSettings, error_N: Vec3, integral_m_s: Vec3 | None
-) -> Vec3:
-    """Return the shift along the free axes, limited in speed and acceleration [m]. Shape (3,)."""
-    before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    change_N = plus(error_N, before.error_force_N or error_N, -1.0)
-    step_m = product(gains.force_p_m_per_N, change_N)
-    step_m = plus(step_m, integral_m_s or product(gains.force_i_m_per_Ns, error_N), dt_s)
-    shift_m = limit_norm(sample.along(step_m, dt_s), settings.speed_max_m_s * dt_s)
-    if settings.accel_max_m_s2 == inf:
-        return shift_m
-    before_m = scaled(sample.along(before.speed_m_s), dt_s)
-    change_m = limit_norm(plus(shift_m, before_m, -1.0), settings.accel_max_m_s2 * dt_s**2)
-    return plus(before_m, change_m)
-
-
 def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None]:
-    """Return the contact state and, in mode both, the vector from the TCP to the contact [m].
+    """Return the contact state and, where torque turns a tool that moves, the lever of its contact.
 
     The state is a force threshold with hysteresis, below it approach or free. The vector ends at
     the line along which the force acts: r = F x M / |F|^2. Shape (3,). A rotation about the TCP
-    moves the contact point by turn x r; compensating that motion keeps the force constant, without
-    waiting for the force loop and its delay.
+    moves the contact point by turn x r; compensating that motion (`shape.py`) keeps the force
+    constant, without waiting for the force loop and its delay.
     """
     force_N, before, press_N = sample.force_N, sample.motion, sample.task.press_N
     presses = press_N > 0.0 and sample.task.searches
@@ -234,7 +199,8 @@ def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None
     contact: Contact = "approach" if presses else "free"
     if -dot(force_N, sample.press_axis) > threshold_N:
         contact = "contact"
-    if not (sample.moves and sample.rotates) or sample.task.origin_m is not None:
+    task = sample.task
+    if not (sample.rotates and any(task.moving[0])) or task.origin_m is not None:
         return contact, None
     return contact, lever_of(sample, touch_N)
 
@@ -259,18 +225,6 @@ def motion_between(
     if lever_m is not None:
         moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad
-
-
-def about_origin(
-    sample: LawInput, shift_m: Vec3, turn_rad: Vec3, most_m: float
-) -> tuple[Vec3, Vec3]:
-    """Return the motion of a TCP that is on an arc about the origin of the frame, base axes.
-
-    Far from the origin a slow turn is a fast travel: both are slowed to `most_m` in this period.
-    """
-    shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
-    slowed = min(1.0, most_m / max(hypot(*shift_m), NO_TRAVEL_M))
-    return scaled(shift_m, slowed), scaled(turn_rad, slowed)
 
 
 def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:

@@ -3,7 +3,7 @@
     step(state, sample, settings) -> (state, motion)
 
 `state` is the law's own; a step may advance it in place, and the one that it returns is the next.
-The motion contains the next command. The service runs each row the same.
+`advance` runs each row the same: the law, the compliant axes, and the limits of both.
 """
 
 from collections.abc import Callable
@@ -16,9 +16,11 @@ from common.config.cell import CellConfig
 from common.motion.frames import Rows, Vector
 from control import adaptive
 from control.adaptive import AdaptiveSettings, ContactStiffness
+from control.compliance import ComplianceSettings, ComplianceState, comply
 from control.gains import PiGains
 from control.law import LawInput, LawMotion, LawSettings, next_motion
 from control.measured_range import restriction, softest_N_m
+from control.shape import MotionLimits, shape
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
 
@@ -58,6 +60,32 @@ LAWS: dict[str, Law] = {
         controller_gain=adaptive.controller_gain,
     ),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class ControlSettings:
+    """A law with its constants in one cell, those of compliance, and the limits of motion."""
+
+    law: Law
+    of_law: Any
+    compliance: ComplianceSettings
+    limits: MotionLimits
+
+    @classmethod
+    def of(cls, cell: CellConfig, law: Law) -> "ControlSettings":
+        """Return those of a cell."""
+        limits = MotionLimits.of(cell, predicts=law.predicts)
+        return cls(law, law.settings(cell), ComplianceSettings.of(cell), limits)
+
+
+def advance(
+    state: Any, compliance: ComplianceState, sample: LawInput, settings: ControlSettings
+) -> tuple[Any, LawMotion]:
+    """Advance law and compliant axes by one sample; return the law's state and the command."""
+    state, motion = settings.law.step(state, sample, settings.of_law)
+    comply(compliance, sample, motion, settings.compliance)
+    shape(motion, sample, compliance, settings.limits)
+    return state, motion
 
 
 def refuse_unknown_law(cell: CellConfig, source: str) -> None:

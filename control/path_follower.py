@@ -13,7 +13,7 @@ Where the force error grows, the feed drops, and rises again with the accelerati
 """
 
 from dataclasses import dataclass, field, replace
-from math import hypot, sqrt
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from common.motion.rate_limiter import REST
 from control.axis_task import NONE, AxisTask, Flags, masked
 from control.law import LawInput, LawMotion, limit_norm
 from control.path_curve import LEAST_PIECE_M, SHARP, PathCurve
+from control.shape import room_m
 from forcemesh.messages import ZERO3
 
 FULL_FEED_SHARE, FULL_FEED_N = 0.1, 1.0  # force error, of the set point and at least, at full feed
@@ -103,7 +104,7 @@ class PathFollower:
 
         Args:
             sample: Input of the law.
-            motion: What the law has returned.
+            motion: Of law and compliant axes, within its limits.
             most_m: Longest motion of the period, of force control and path together.
         """
         path, curve, T, task = self, self.curve, motion.T_base_tcp, sample.task
@@ -207,12 +208,6 @@ def _off_tangent(R_base_task: Rows, tangent: Array) -> bool:
     across = component_across(tangent, R[:, 2])
     size = float(np.linalg.norm(across))
     return size > LEAST_ACROSS and float(R[:, 0] @ across) < SHARP * size
-
-
-def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:
-    """Return the longest motion along a direction that stays, with another one, within most_m."""
-    along_m = float(pushed_m @ direction)
-    return max(0.0, sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m)
 
 
 def tangent_frame(R_base_task: Rows, ahead: Array, R_base_tcp: Array, dt_s: float) -> Rows:

@@ -18,11 +18,11 @@ from bench.results import Row
 from common.motion.convert import vec3
 from common.motion.frames import Array
 from control.axis_task import NONE, AxisTask, VirtualMass, mode_task
-from control.compliance import ComplianceSettings, ComplianceState, comply
+from control.compliance import ComplianceState
 from control.gain_rule import rule_gain, tune
 from control.gains import PiGains
 from control.law import LawInput, LawMotion, back_calculate, start_at
-from control.laws import LAWS
+from control.laws import LAWS, ControlSettings, advance
 from forcemesh.messages import Mode
 
 HOLD_N = 10.0
@@ -48,7 +48,7 @@ class LawRunner:
         if gain_m_per_Ns is not None:
             force_i, force_p = (gain_m_per_Ns,) * 3, (gain_p_m_N,) * 3
             gains = replace(gains, force_i_m_per_Ns=force_i, force_p_m_per_N=force_p)
-        self.settings, self._gains = self._law.settings(rig.cell), gains
+        self._settings, self._gains = ControlSettings.of(rig.cell, self._law), gains
         self.mode: Mode = "position"
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
         self.presses_only = False  # force control acts along the tool's axis alone
@@ -60,7 +60,9 @@ class LawRunner:
         """Forget the estimates and the last errors, as in another task frame."""
         self.motion = replace(self.motion, error_force_N=None, error_torque_Nm=None)
         T_measured = self._rig.arm.T_base_tcp
-        self.state = self._law.begin(self.motion.T_base_tcp, T_measured, None, self.settings)
+        T = self.motion.T_base_tcp
+        self.state = self._law.begin(T, T_measured, None, self._settings.of_law)
+        self._compliance = ComplianceState.at(self.task(), T, T_measured)
 
     def place(self, T_base_tcp: pin.SE3) -> None:
         """Continue from another commanded pose."""
@@ -78,16 +80,11 @@ class LawRunner:
         if sample.limited:
             motion = back_calculate(motion, sample.T_let_through)
         given = law_input(sample, task or self.task(), self._gains, motion)
-        motion = self.move(given)
+        self.state, motion = advance(self.state, self._compliance, given, self._settings)
         T, travel_m = motion.T_base_tcp, self.across_m_s * sample.dt_s
         across_m = travel_m - (travel_m @ T.rotation[:, 2]) * T.rotation[:, 2]
         self.motion = replace(motion, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))
         return self.motion.T_base_tcp
-
-    def move(self, given: LawInput) -> LawMotion:
-        """Advance the law by one period; return its motion."""
-        self.state, motion = self._law.step(self.state, given, self.settings)
-        return motion
 
 
 class GuidingRunner(LawRunner):
@@ -96,17 +93,10 @@ class GuidingRunner(LawRunner):
     def __init__(self, rig: ForceRig) -> None:
         """Start at rest; of the law nothing moves the tool."""
         super().__init__(rig, "plain")
-        T = rig.T_base_tcp
-        self._settings = ComplianceSettings.of(rig.cell)
-        self._compliance = ComplianceState.at(self.task(), T, T)
 
     def task(self) -> AxisTask:
         """Return the task of every period."""
         return AxisTask(force_along=NONE, compliant_along=(VirtualMass(),) * 3)
-
-    def move(self, given: LawInput) -> LawMotion:
-        """Return the motion of the compliant axes."""
-        return comply(self._compliance, given, super().move(given), self._settings)
 
 
 def law_input(sample: LawSample, task: AxisTask, gains: PiGains, motion: LawMotion) -> LawInput:

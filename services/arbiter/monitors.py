@@ -8,7 +8,7 @@ from math import dist, hypot, sin
 from common.config.cell import CellConfig
 from common.motion.unexplained import REST_POSITION_M, REST_TURN_RAD
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
-from control.guards import unchecked_axes
+from control.monitors import unchecked_axes
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped

@@ -16,8 +16,8 @@ from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.limits import Limits, check_workspace, check_wrench
-from control.guards import unchecked_axes
 from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
+from control.monitors import unchecked_axes
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip

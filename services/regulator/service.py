@@ -15,24 +15,18 @@ from common.motion.joint_paths import tool_path_trips
 from common.motion.joint_space import JointSpace
 from control.adaptive import ContactStiffness
 from control.axis_task import AxisTask
-from control.compliance import ComplianceSettings, ComplianceState, axis_states
+from control.compliance import ComplianceState
 from control.delay_monitor import (
     DelayMonitor,
-    DelayMonitorSettings,
-    share_to_send,
 )
 from control.gain_rule import instability, tune
-from control.gains import PiGains, gains_to_send, merged_gains
-from control.guards import (
-    GuardSample,
-    GuardSettings,
-    GuardState,
-    no_waves,
-    unchecked_axes,
-    watch,
-)
-from control.law import LawInput, back_calculate, start_at
+from control.gains import PiGains, merged_gains
+from control.law import start_at
 from control.laws import LAWS, refuse_unknown_law
+from control.monitors import (
+    MonitorState,
+    unchecked_axes,
+)
 from control.timing import LoopTiming, SampleTime, TimingSettings
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming, Reading
@@ -48,8 +42,10 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest, Reply
+from services.regulator import period
 from services.regulator.contact_events import ContactTracker
 from services.regulator.path_request import next_path, path_poses, turn_limits
+from services.regulator.period import PeriodSettings, RequestedGains, Sensed
 from services.regulator.refusals import (
     refused_axes,
     refused_gains,
@@ -60,13 +56,9 @@ from services.regulator.refusals import (
 from services.regulator.session import (
     ForceOwner,
     ForceSession,
-    SetpointRamp,
     active_commander,
-    borne_share,
     change_task,
     describe,
-    move,
-    ramped_task,
     valid_target,
 )
 from services.regulator.task_refusals import refused_task
@@ -104,11 +96,7 @@ class Regulator:
         self._cell = cell
         self._timing = TimingSettings.of(cell)
         refuse_unknown_law(cell, f"cell {cell.cell}")
-        self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
-        self._ramp = SetpointRamp.of(cell, self._settings["plain"].approach_m_s)
-        self._compliance = ComplianceSettings.of(cell)
-        self._guards = GuardSettings.of(cell)
-        self._delay = DelayMonitorSettings.of(cell)
+        self._settings = PeriodSettings.of(cell)
         self._last_delay: DelayMonitor | None = None  # of the last session
         self._contact: ContactStiffness | None = None  # identified by the last session
         self._use_gains(tune(cell).gains)
@@ -141,7 +129,7 @@ class Regulator:
     def numbers(self, _now_ns: int) -> dict[str, float]:
         """Return delay and gain share of the running session, or of the last one."""
         delay = self._last_delay if self._session is None else self._session.delay
-        return {} if delay is None else delay.numbers(self._delay)
+        return {} if delay is None else delay.numbers(self._settings.delay)
 
     def step(self, now_ns: int) -> None:
         """Serve requests, integrate the newest wrench, publish the target."""
@@ -168,7 +156,7 @@ class Regulator:
             stop.reply(STOPPED_REPLY)
         for change in self._gain_requests.take_all():
             reply = self._owned(change, self._change_gains, is_free=not change.request.changes)
-            change.reply(reply.replaced(gains=self._gains))
+            change.reply(reply.replaced(gains=self._gains.gains))
         for _ in range(self._path_parts):
             if not next(self._path_work):
                 break
@@ -200,11 +188,13 @@ class Regulator:
             wrench.header.stamp_ns, wrench.origin, robot.header, robot.age_s
         )
         if time is not None:
-            trip = self._advance(session, fresh, arm, T_measured=T_measured, time=time)
+            sensed = self._sense(session, fresh, arm, T_measured=T_measured, time=time)
+            trip = period.step(session, sensed, self._gains, self._settings)
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)
         self.fault = ""
-        return valid_target(session, self._gains, self._T_tcp_flange, self._delay.tau_s)
+        tau_s = self._settings.delay.tau_s
+        return valid_target(session, self._gains.gains, self._T_tcp_flange, tau_s)
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
@@ -213,7 +203,7 @@ class Regulator:
         session.failed, self.fault = failed, text
         return failed
 
-    def _advance(
+    def _sense(
         self,
         session: ForceSession,
         wrench: WrenchAtTcp,
@@ -221,47 +211,18 @@ class Regulator:
         *,
         T_measured: pin.SE3,
         time: SampleTime,
-    ) -> Trip | None:
-        """Advance the session by one sample: law, path, monitors, and the controller's gains."""
-        request, before, settings = session.request, session.motion, self._settings[session.law]
+    ) -> Sensed:
+        """Return the inputs of a period, with the command that the arbiter has released last."""
         released = self._command.read(self._now_ns)
         command = released.fresh
-        if command is not None and request.host == "pc":  # also before its first set point
+        if command is not None and session.request.host == "pc":  # also before its first set point
             unanswered_s = (self._now_ns - self._put_ns[0]) / NS_PER_S
             is_late = time.is_late or released.age_s > unanswered_s  # two without an answer
             time = time._replace(is_late=is_late)
         if command is None or command.pose is None:
-            pose = record_of(before.T_base_tcp * self._T_tcp_flange)
-        else:  # the arbiter's limits may delay the law's command
-            pose = command.pose
-            if command.limited:
-                before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
-        session.task = ramped_task(session, time.dt_s, self._gains, self._ramp)
-        if session.gains is not self._pi_gains:
-            session.gains = session.gains.ramped(self._pi_gains, time.dt_s)
-        gain_share = borne_share(session, pose, robot, time=time, settings=self._delay)
-        gains = session.gains.times(gain_share)
-        sample = LawInput(
-            wrench.force_N, wrench.torque_Nm, session.task, time.dt_s, gains, before,
-            T_measured, time.pose_is_new, gain_share,
-        )  # fmt: skip
-        move(
-            session, sample, command=pose, sent=robot.sent, is_late=time.is_late,
-            T_flange_tcp=self._T_flange_tcp, settings=settings, compliance=self._compliance,
-            speed_max_m_s=self._cell.force.speed_max_m_s,
-        )  # fmt: skip
-        if request.task is not None:
-            session.axes = axis_states(request.task, sample, session.compliance)
-        if request.host == "controller":
-            Ki = LAWS[session.law].controller_gain(
-                session.state, self._pi_gains, sample.R_base_task, settings
-            )
-            session.sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
-            session.sent_share = share_to_send(session.sent_share, session.delay.share)
-        trip = watch(session.watch, GuardSample.of(sample, session.motion), self._guards)
-        if trip is not None and trip.code == "oscillation" and session.delay.lower():
-            session.watch.waves, trip = no_waves(), None  # counted anew at the lowered gains
-        return trip
+            proposed = record_of(session.motion.T_base_tcp * self._T_tcp_flange)
+            return Sensed(wrench, robot, T_measured, time, proposed, is_limited=False)
+        return Sensed(wrench, robot, T_measured, time, command.pose, command.limited)
 
     def _owned(
         self, incoming: Incoming[OwnedRequest], execute: Callable[[OwnedRequest], Reply],
@@ -282,18 +243,18 @@ class Regulator:
         return reply
 
     def _change_gains(self, request: GainsRequest) -> Reply:
-        gains = merged_gains(self._gains, request, self._cell)
+        gains = merged_gains(self._gains.gains, request, self._cell)
         if (trip := refused_gains(request, gains, self._cell)) is not None:
             return refused(trip)
         self._use_gains(gains)
         return Reply(accepted=True, text=instability(self._cell, gains))
 
     def _use_gains(self, gains: Gains) -> None:
-        self._gains, self._pi_gains = gains, PiGains.of(gains)
+        self._gains = RequestedGains(gains, PiGains.of(gains))
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:
-            settings = self._settings[session.law]
+            settings = self._settings.laws[session.law].of_law
             self._contact = LAWS[session.law].identified(session.state, settings)
             self._last_delay = session.delay
         self._session, self._stop_reason, self.fault = None, reason, ""
@@ -331,10 +292,10 @@ class Regulator:
                 arbiter.lease,
                 goal,
                 first,
-                self._pi_gains,
+                self._gains.pi,
                 start_at(T_measured),
                 self._begin(law, goal, T_measured, T_measured),
-                watch=GuardState(),
+                monitored=MonitorState(),
                 compliance=ComplianceState.at(goal, T_measured, T_measured),
                 timing=LoopTiming(
                     self._timing, wrench.header.stamp_ns if wrench.header else self._now_ns
@@ -358,7 +319,7 @@ class Regulator:
         R_base_task = np.array(task.R_base_task(T_measured.rotation.tolist()))
         T_task = pin.SE3(R_base_task, T_measured.translation)
         k = None if self._contact is None else self._contact.at_pose(T_task)
-        return LAWS[law].begin(T_command, T_measured, k, self._settings[law])
+        return LAWS[law].begin(T_command, T_measured, k, self._settings.laws[law].of_law)
 
     def _follow_paths(self) -> Iterator[bool]:
         """Serve one path request after the other, in parts; yield whether one is in work."""

@@ -8,9 +8,10 @@ from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from control.gains import PiGains
 from control.law import LawSettings, next_motion, start_at
+from control.shape import MotionLimits
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
-from tests.fakes.law_input import mode_input
+from tests.fakes.law_input import mode_input, shaped
 
 
 class PcFeedback:
@@ -22,6 +23,7 @@ class PcFeedback:
         """Start at a flange pose, without a dead band because the tests push with small forces."""
         settings = LawSettings.of(cell)
         self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)
+        self._limits = MotionLimits.of(cell, predicts=False)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._law = start_at(T_start * self._T_flange_tcp)
         self._mode = mode
@@ -45,5 +47,5 @@ class PcFeedback:
             T_measured=self._law.T_base_tcp,
         )
         self._at_ns = now_ns
-        self._law = next_motion(sample, self._settings)
+        self._law = shaped(next_motion(sample, self._settings), sample, self._limits)
         return record_of(self._law.T_base_tcp * self._T_flange_tcp.inverse())

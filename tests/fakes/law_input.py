@@ -5,15 +5,18 @@ from typing import Any
 import pinocchio as pin
 
 from control.axis_task import mode_task
+from control.compliance import ComplianceState
 from control.gain_rule import tune
 from control.gains import PiGains
 from control.law import LawInput, LawMotion, start_at
+from control.shape import MotionLimits, shape
 from forcemesh.messages import ZERO3, Mode, Vec3
 from tests.fakes.arbiter_world import CELL, T_START
 
 DT_S = 0.004
 GAINS = PiGains.of(tune(CELL).gains)
 START = T_START * CELL.tool.T_flange_tcp.pose  # of the TCP: the tool points down
+LIMITS = MotionLimits.of(CELL, predicts=False)
 
 
 def mode_input(
@@ -33,3 +36,15 @@ def mode_input(
     press_axis = T_measured.rotation[:, 2].tolist()
     task = mode_task(mode, setpoint_N, in_base=True, press_axis=press_axis)
     return LawInput(force_N, torque_Nm, task, dt_s, gains, motion, T_measured, **others)
+
+
+def shaped(
+    motion: LawMotion,
+    sample: LawInput,
+    limits: MotionLimits = LIMITS,
+    state: ComplianceState | None = None,
+) -> LawMotion:
+    """Return the motion that a law wants, as it is commanded."""
+    T = sample.motion.T_base_tcp
+    shape(motion, sample, state or ComplianceState.at(sample.task, T, T), limits)
+    return motion

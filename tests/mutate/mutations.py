@@ -37,7 +37,8 @@ MODULES = (
     "services.arbiter.preflight",
     "services.arbiter.stream",
     "services.arbiter.monitors",
-    "control.guards",
+    "control.monitors",
+    "control.shape",
     "control.gain_rule",
     *sorted(
         f"services.{service}.{path.stem}"

@@ -218,7 +218,8 @@ def test_a_changed_gain_is_shown_and_ends_the_verb_with_an_error(
     def stiffer(self: Regulator, gains: Any) -> None:
         use_gains(self, gains)
         more = tuple(1.001 * value for value in gains.force_i_m_per_Ns)
-        self._pi_gains = PiGains.of(gains.replaced(force_i_m_per_Ns=more))
+        pi = PiGains.of(gains.replaced(force_i_m_per_Ns=more))
+        self._gains = self._gains._replace(pi=pi)
 
     monkeypatch.setattr(Regulator, "_use_gains", stiffer)
     done = run("replay", whole, "--to-service", "cell")

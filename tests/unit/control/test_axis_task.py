@@ -23,10 +23,11 @@ from control.axis_task import (
     VirtualMass,
     mode_task,
 )
-from control.compliance import ComplianceSettings, ComplianceState, comply
+from control.compliance import ComplianceState
 from control.gain_rule import tune
-from control.guards import GuardSample
-from control.law import LawInput, LawSettings, next_motion, start_at
+from control.law import LawInput, LawMotion, start_at
+from control.laws import LAWS, ControlSettings, advance
+from control.monitors import MonitorSample
 from forcemesh.force_task import GUIDED, parse_task
 from forcemesh.messages import ZERO3, RegulatorTarget
 from forcemesh.requests import ForceStartRequest
@@ -36,7 +37,7 @@ from tests.fakes.bench import CELL
 from tests.fakes.law_input import DT_S, GAINS, START
 from tests.fakes.regulator_bench import BOTH_HOSTS, FollowingBench, RegulatorBench
 
-LAW, SETTINGS = LawSettings.of(CELL), ComplianceSettings.of(CELL)
+SETTINGS = ControlSettings.of(CELL, LAWS["plain"])
 TORSION = VirtualMass(stiffness=10.0)
 vectors = st.tuples(*[st.floats(-30.0, 30.0)] * 3)
 turns = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
@@ -54,6 +55,12 @@ def sample_of(task, force_N=ZERO3, torque_Nm=ZERO3, contact="contact"):
     return LawInput(force_N, torque_Nm, task, DT_S, GAINS, motion, START)
 
 
+def commanded(sample: LawInput, state: ComplianceState | None = None) -> LawMotion:
+    """Return the motion after a sample, of the plain law and of compliant axes."""
+    state = state or ComplianceState.at(sample.task, START, START)
+    return advance(None, state, sample, SETTINGS)[1]
+
+
 def pushed(task: AxisTask, force_tool_N=ZERO3, torque_tool_Nm=ZERO3, periods=400):
     """Return the state and the last motion under a constant load in tool axes."""
     state, motion = ComplianceState.at(task, START, START), start_at(START)
@@ -62,7 +69,7 @@ def pushed(task: AxisTask, force_tool_N=ZERO3, torque_tool_Nm=ZERO3, periods=400
         R = motion.T_base_tcp.rotation
         force_N, torque_Nm = tuple(R @ force_tool_N), tuple(R @ torque_tool_Nm)
         sample = LawInput(force_N, torque_Nm, task, DT_S, GAINS, motion, motion.T_base_tcp)
-        motion = comply(state, sample, next_motion(sample, LAW), SETTINGS)
+        motion = commanded(sample, state)
     return state, motion, sample
 
 
@@ -75,7 +82,7 @@ def test_held_axes_of_any_frame_do_not_move(
     task = AxisTask(
         yields, may_turn, tuple(np.array(push_N) * yields), ZERO3, R_task=R, in_base=True
     )
-    after = next_motion(sample_of(task, force_N, torque_Nm, contact), LAW)
+    after = commanded(sample_of(task, force_N, torque_Nm, contact))
     moved_m = np.array(R).T @ (after.T_base_tcp.translation - START.translation)
     assert np.abs(moved_m[~np.array(yields)]).max(initial=0.0) < 1e-12
 
@@ -87,7 +94,7 @@ def test_the_law_uses_deadbands_of_single_axes(turn, band) -> None:
     bands = ((band, band, band), (band, band, band))
     task = AxisTask(ALL, ALL, ZERO3, R_task=R, in_base=True, deadbands=bands)
     load = tuple(rotated(R, (3.0, 0.0, 0.0)))
-    after = next_motion(sample_of(task, load, load), LAW)
+    after = commanded(sample_of(task, load, load))
     for error in (after.error_force_N, after.error_torque_Nm):
         assert np.array(R).T @ error == pytest.approx([3.0 - band, 0.0, 0.0], abs=1e-9)
 
@@ -99,7 +106,7 @@ def test_a_frame_with_an_origin_turns_the_tool_about_it(force_N, offset_mm) -> N
     origin_m = tuple(START.translation - offset_m)
     task = AxisTask(NONE, ALL, in_base=True, R_task=rows_of(ZERO3), origin_m=origin_m)
     sample = sample_of(task, force_N, (0.5, -0.3, 0.2))
-    after = next_motion(sample, LAW)
+    after = commanded(sample)
     torque_Nm = plus((0.5, -0.3, 0.2), cross(offset_m, force_N))
     assert sample.task_torque_Nm() == pytest.approx(torque_Nm, abs=1e-9)
     turn = after.T_base_tcp.rotation @ START.rotation.T
@@ -145,7 +152,7 @@ def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
     task = AxisTask((True, True, False), compliant_along=(None, None, VirtualMass()))
     _, motion, sample = pushed(task, (40.0, 40.0, 40.0), periods=30)
     moved_m = motion.T_base_tcp.translation - sample.motion.T_base_tcp.translation
-    assert np.linalg.norm(moved_m) <= SETTINGS.speed_max_m_s * DT_S + 1e-12
+    assert np.linalg.norm(moved_m) <= SETTINGS.limits.speed_m_s * DT_S + 1e-12
 
 
 def test_the_reference_moves_with_a_path_and_stays_for_the_same_axes() -> None:
@@ -309,7 +316,7 @@ class Guiding:
             T_measured or self.motion.T_base_tcp,
             gain_share=self.share,
         )  # fmt: skip
-        self.motion = comply(self.state, sample, next_motion(sample, LAW), SETTINGS)
+        self.motion = commanded(sample, self.state)
         return self.motion.T_base_tcp
 
 
@@ -365,14 +372,14 @@ def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -
         places = [*places[1:], T_next]
     resting = np.array(forces[400:600])
     assert resting.std() < 0.5
-    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)
+    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.compliance.deadband_N + 0.5)
 
 
 def test_a_person_may_push_a_tool_that_turns_freely_back() -> None:
     """Its work is no fault of the sensor."""
     for text, is_passive in (("z=force:5 rx=compliant", False), ("z=force:5 rx=torque:0", True)):
         task = request_task(request(text), T_START, CELL, mounting_rad=ZERO3)
-        assert GuardSample.of(sample_of(task), start_at(START)).side_trips == is_passive
+        assert MonitorSample.of(sample_of(task), start_at(START)).side_trips == is_passive
 
 
 LIMITED_TURN = GUIDED["position"] + " rx=compliant ry=compliant rz=compliant,deviation=0.2"

@@ -27,13 +27,15 @@ from control.law import (
     soft_deadband,
     start_at,
 )
+from control.shape import MotionLimits
 from forcemesh.messages import ZERO3
 from tests.fakes.bench import CELL, DEMO
-from tests.fakes.law_input import DT_S, GAINS, START, mode_input
+from tests.fakes.law_input import DT_S, GAINS, LIMITS, START, mode_input, shaped
 
 MODES = ("position", "orientation", "both")
 SETTINGS = LawSettings.of(CELL)
-NO_BAND = replace(SETTINGS, deadband_N=0.0, deadband_Nm=0.0, speed_max_m_s=1e3, speed_max_rad_s=1e3)
+NO_BAND = replace(SETTINGS, deadband_N=0.0, deadband_Nm=0.0)
+NO_LIMITS = MotionLimits(1e3, 1e3)
 WITH_P = PiGains(*[(gain,) * 3 for gain in (2e-5, 1e-3, 1e-2, 0.5)])
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-100.0, 100.0))
@@ -54,7 +56,8 @@ def sample(force_N: Any = (0, 0, 0), torque_Nm: Any = (0, 0, 0), **changes: Any)
 
 def step(before: LawMotion, item: LawInput, law_gains: PiGains, settings: LawSettings) -> LawMotion:
     """Return the motion after one sample."""
-    return next_motion(replace(item, motion=before, gains=law_gains), settings)
+    now = replace(item, motion=before, gains=law_gains)
+    return shaped(next_motion(now, settings), now, LIMITS if settings is SETTINGS else NO_LIMITS)
 
 
 def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> list[LawMotion]:
@@ -124,8 +127,8 @@ def test_no_input_and_no_gain_makes_it_faster_than_its_limits(stream, mode, fact
     for force_N, torque_Nm, setpoint_N, dt_s in stream:
         item = sample(force_N, torque_Nm, setpoint_N=setpoint_N, mode=mode, dt_s=dt_s)
         after = step(state, item, factor, SETTINGS)
-        assert np.linalg.norm(shift_m(state, after)) <= SETTINGS.speed_max_m_s * dt_s + 1e-12
-        assert np.linalg.norm(turn_rad(state, after)) <= SETTINGS.speed_max_rad_s * dt_s + 1e-9
+        assert np.linalg.norm(shift_m(state, after)) <= LIMITS.speed_m_s * dt_s + 1e-12
+        assert np.linalg.norm(turn_rad(state, after)) <= LIMITS.speed_rad_s * dt_s + 1e-9
         state = after
 
 
@@ -264,6 +267,7 @@ def packets(cell: CellConfig, law: str, k_N_m: float, centre_m: np.ndarray) -> n
             motion = next_motion(sample, LawSettings.of(cell))
         else:
             state, motion = adaptive.step(state, sample, settings_of)
+        shaped(motion, sample, MotionLimits.of(cell, predicts=state is not None))
         sent.append(np.round(motion.T_base_tcp.translation * 1e3 * PER_MM) / PER_MM * 1e-3)
     return np.array(sent)
 

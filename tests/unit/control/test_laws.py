@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 import pytest
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
+from common.motion.frames import scaled
 from control.law import LawInput, LawMotion
 from control.laws import LAWS, Law, refuse_unknown_law
 from forcemesh.errors import ConfigError
@@ -33,11 +33,9 @@ def begin(_command: pin.SE3, _measured: pin.SE3, _k: Any, _damping_Ns_m: float) 
 
 def step(state: TinyState, sample: LawInput, damping_Ns_m: float) -> tuple[TinyState, LawMotion]:
     """Yield to the force with a constant damping, whatever the set point."""
-    T = sample.motion.T_base_tcp
-    shift_m = np.array(sample.force_N) / damping_Ns_m * sample.dt_s
     motion = replace(
         sample.motion,
-        T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m),
+        shift_m=scaled(sample.force_N, sample.dt_s / damping_Ns_m),
         error_force_N=sample.force_N,
         error_torque_Nm=sample.torque_Nm,
     )

@@ -72,10 +72,10 @@ def test_the_changes_that_must_never_live_are_among_them():
     """A sign check that a fifth of a touch passes, loose margins, a guard or a row left out."""
     titles = {each.title for module in mutations.MODULES for each in mutations.mutants_of(module)}
     expected = (
-        "control.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
+        "control.monitors module: 0.7 in MAIN_PART = 0.7 -> 0.07",
         "common.motion.setpoint_monitor module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
         "common.motion.arm_check ArmCheck.setpoint: returns None",
-        "control.guards first_touch: returns None",
+        "control.monitors first_touch: returns None",
     )
     assert titles.issuperset(expected)
     rows = [title for title in titles if title.startswith("services.arbiter.preflight module: Che")]

@@ -1,4 +1,4 @@
-"""The regulator's guards in a virtual cell: search, lost contact, oscillation, first touch.
+"""The monitors of force feedback in a virtual cell: search, lost contact, oscillation, first touch.
 
 H32 inertia is no contact, H35 contact lost, H36 oscillation, H37 first touch. H34 wind-up:
 test_session.py; H43 no step of the command: test_service.py; H31 wrong signs:
@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 
 from common.config.plant import PROBE_N
 from control.gain_rule import tune
-from control.guards import HALF_WAVES, GuardSettings, GuardState, HalfWaves
 from control.law import LawSettings
+from control.monitors import HALF_WAVES, HalfWaves, MonitorSettings, MonitorState
 from forcemesh import topics
 from forcemesh.requests import ForceStartRequest, GainsRequest
 from tests.fakes.bench import CELL, cell_with
-from tests.fakes.guard_steps import guard_sample, watched
+from tests.fakes.monitor_steps import monitor_sample, watched
 from tests.fakes.regulator_bench import KI, PERIOD_S, RegulatorBench
 from tests.unit.services.regulator.conftest import Press
 
-GUARDS = GuardSettings.of(CELL)
+OF_CELL = MonitorSettings.of(CELL)
 TAU_S = CELL.plant.tau_s
 BRAKE_M = 0.0005
 DT_S = 0.004
@@ -60,7 +60,7 @@ def half_waves(waves: list[tuple[float, float]]) -> int:
     for height, duration_s in [*waves, (1.0, 10 * DT_S)]:
         for phase in np.arange(0.5, round(duration_s / DT_S)) * DT_S / duration_s:
             error_N = sign * height * np.sin(np.pi * phase)
-            swing.update(error_N, DT_S, GUARDS.half_wave[2], GUARDS)
+            swing.update(error_N, DT_S, OF_CELL.half_wave[2], OF_CELL)
         sign = -sign
     return swing.count
 
@@ -71,10 +71,10 @@ def test_five_periods_without_decay_are_an_oscillation(growth, height_N, half_ta
     """H36: growing or constant, above ten deadbands; one that decays is none."""
     waves = [(height_N * growth ** (n / 2), half_tau * TAU_S) for n in range(HALF_WAVES)]
     lowest_N = min(height for height, _ in waves)
-    if growth > 0.92 and lowest_N > GUARDS.half_wave[2] / 0.95:
+    if growth > 0.92 and lowest_N > OF_CELL.half_wave[2] / 0.95:
         assert half_waves(waves) >= HALF_WAVES
         assert half_waves(waves[:-2]) < HALF_WAVES
-    elif growth < 0.8 or height_N < GUARDS.half_wave[2]:
+    elif growth < 0.8 or height_N < OF_CELL.half_wave[2]:
         assert half_waves(waves) < HALF_WAVES
 
 
@@ -130,13 +130,13 @@ def test_the_first_touch_is_gentle(stiffness_N_m: float) -> None:
 
 def test_delayed_force_readings_do_not_count_as_work() -> None:
     """A spring is pressed and released with readings 12 ms late, as by the filter: no trip."""
-    now, late = GuardState(), [0.0] * 3
-    now, _ = watched(now, guard_sample("approach"), GUARDS)
+    now, late = MonitorState(), [0.0] * 3
+    now, _ = watched(now, monitor_sample("approach"), SETTINGS)
     for step in range(2000):
         depth_m = 0.001 * (1.0 - np.cos(2.0 * np.pi * step * DT_S / 0.3))
         late.append(2e4 * depth_m)
-        sample = guard_sample("contact", (0.0, 0.0, late[-4]), (0.0, 0.0, -depth_m))
-        now, trip = watched(now, sample, GUARDS)
+        sample = monitor_sample("contact", (0.0, 0.0, late[-4]), (0.0, 0.0, -depth_m))
+        now, trip = watched(now, sample, SETTINGS)
         assert trip is None
 
 
@@ -145,7 +145,7 @@ def test_delayed_force_readings_do_not_count_as_work() -> None:
 EXACT_S = 2.0**-8  # sums of it are exact
 LEAST_N = 3.0
 SETTINGS = replace(
-    GuardSettings.of(CELL), half_wave_shortest_s=4.0 * EXACT_S, half_wave_longest_s=64.0 * EXACT_S
+    MonitorSettings.of(CELL), half_wave_shortest_s=4.0 * EXACT_S, half_wave_longest_s=64.0 * EXACT_S
 )
 Waves = list[tuple[float, int]]  # height, duration in periods
 
@@ -187,7 +187,7 @@ def test_a_half_wave_that_is_smaller_than_the_last_one_on_its_side_decays(last_N
 
 def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long() -> None:
     """Ten deadbands of each error; from half a delay to eight delays."""
-    settings = GuardSettings.of(CELL)
+    settings = MonitorSettings.of(CELL)
     band_N, band_Nm = CELL.force.deadband_N, CELL.force.deadband_Nm
     assert settings.half_wave == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
     tau_s = CELL.plant.tau_s

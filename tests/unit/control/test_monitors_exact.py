@@ -13,20 +13,20 @@ import pytest
 
 from common.motion.frames import plus
 from control.axis_task import AxisTask, VirtualMass
-from control.guards import (
-    GuardSample,
-    GuardSettings,
-    GuardState,
+from control.law import start_at
+from control.monitors import (
     HalfWaves,
+    MonitorSample,
+    MonitorSettings,
+    MonitorState,
     kept_over_restart,
     no_waves,
 )
-from control.law import start_at
 from forcemesh.messages import Trip
-from tests.fakes.guard_steps import DOWN, guard_sample, watched
 from tests.fakes.law_input import mode_input
+from tests.fakes.monitor_steps import DOWN, monitor_sample, watched
 
-SETTINGS = GuardSettings(
+SETTINGS = MonitorSettings(
     touch_N=2.0,
     search_m=0.03125,
     lost_m=0.0078125,
@@ -58,7 +58,7 @@ def test_a_first_touch_aside_is_a_fault_of_a_tool_that_only_presses(
     press_N = (8.0, 0.0, 0.0) if aside else (0.0, 0.0, 8.0)
     shifts = (VirtualMass() if complies else None, None, None)
     task = AxisTask((True,) * 3, force_N=press_N, compliant_along=shifts)
-    found = GuardSample.of(replace(sample, task=task), start_at(T))
+    found = MonitorSample.of(replace(sample, task=task), start_at(T))
     assert found.along_tool == (not aside)
     assert found.side_trips == (not aside and not complies)
 
@@ -84,28 +84,28 @@ SIDE_N = sqrt(51.0)  # with 7 N along the tool that is 10 N, of which 0.7 are al
 )
 def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(grown_N, limit_N) -> None:
     """2 N at most is no touch; of a touch at least 0.7 is along the tool."""
-    now, _ = watched(GuardState(), guard_sample("approach", PRELOAD_N), SETTINGS)
-    _, trip = watched(now, guard_sample("approach", plus(PRELOAD_N, grown_N)), SETTINGS)
+    now, _ = watched(MonitorState(), monitor_sample("approach", PRELOAD_N), SETTINGS)
+    _, trip = watched(now, monitor_sample("approach", plus(PRELOAD_N, grown_N)), SETTINGS)
     expected = None if limit_N is None else ("sensor_sign", grown_N[2], pytest.approx(limit_N))
     assert numbers(trip) == expected
 
 
 def test_only_a_first_touch_from_free_space_trips() -> None:
     """Not a start in contact or at rest; a press is not checked again."""
-    aside = guard_sample("approach", (30.0, 0, 0))
-    free = GuardState(first=guard_sample("approach"))
+    aside = monitor_sample("approach", (30.0, 0, 0))
+    free = MonitorState(first=monitor_sample("approach"))
     assert watched(free, aside, SETTINGS)[1] is not None
     assert watched(replace(free, touched=True), aside, SETTINGS)[1] is None
-    for first in (guard_sample("free"), guard_sample("contact")):
-        assert watched(GuardState(first=first), aside, SETTINGS)[1] is None
+    for first in (monitor_sample("free"), monitor_sample("contact")):
+        assert watched(MonitorState(first=first), aside, SETTINGS)[1] is None
 
 
 # --- work -----------------------------------------------------------------------------------------
 
 
-def counted_mJ(begin: GuardSample, then: GuardSample, **stored: Any) -> tuple[float, float]:
+def counted_mJ(begin: MonitorSample, then: MonitorSample, **stored: Any) -> tuple[float, float]:
     """Return work on the tool and by the tool after one step [mJ]."""
-    before = GuardState(first=begin, worked=begin, touched=True)
+    before = MonitorState(first=begin, worked=begin, touched=True)
     now, _ = watched(replace(before, **stored), then, SETTINGS)
     return 1e3 * now.environment_work_J, 1e3 * now.tool_work_J
 
@@ -123,9 +123,11 @@ def test_work_is_mean_force_times_travel_plus_mean_torque_times_rotation(
     changes: Any, given_mJ: float, got_mJ: float
 ) -> None:
     """20 and 30 N over -4 mm, 5 and 15 N over 4 mm, 1 and 3 N m over 0.1 rad: 40 - 100 + 200 mJ."""
-    begin = guard_sample("contact", (5.0, 0.0, 20.0), (0.25, 0.5, 0.75), torque_Nm=(0.0, 0.0, 1.0))
+    begin = monitor_sample(
+        "contact", (5.0, 0.0, 20.0), (0.25, 0.5, 0.75), torque_Nm=(0.0, 0.0, 1.0)
+    )
     turned = pin.utils.rotate("z", 0.1) @ DOWN
-    then = guard_sample("contact", (15.0, 0.0, 30.0), (0.254, 0.5, 0.746), R=turned, **changes)
+    then = monitor_sample("contact", (15.0, 0.0, 30.0), (0.254, 0.5, 0.746), R=turned, **changes)
     then = replace(then, torque_Nm=(0.0, 0.0, 3.0))
     assert counted_mJ(begin, then) == pytest.approx((given_mJ, got_mJ), abs=1e-9)
     more = {"environment_work_J": 0.007, "tool_work_J": 0.011}
@@ -135,9 +137,9 @@ def test_work_is_mean_force_times_travel_plus_mean_torque_times_rotation(
 
 def test_at_set_point_0_the_work_of_the_tool_is_stored_and_returned_first() -> None:
     """Any cause may move the tool: the environment's work does not count; no store is negative."""
-    begin = guard_sample("contact", (0.0, 0.0, 10.0))
+    begin = monitor_sample("contact", (0.0, 0.0, 10.0))
     for up_m, got_mJ in ((-0.001, 12.0), (0.0001, 1.0), (0.0002, 0.0), (0.001, 0.0)):
-        then = guard_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, up_m), presses=False)
+        then = monitor_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, up_m), presses=False)
         counted = counted_mJ(begin, then, environment_work_J=0.003, tool_work_J=0.002)
         assert counted == pytest.approx((3.0, got_mJ), abs=1e-9)
 
@@ -154,14 +156,14 @@ def test_at_set_point_0_the_work_of_the_tool_is_stored_and_returned_first() -> N
 )
 def test_a_step_below_the_noise_of_the_pose_accumulates(travel_m, turn_rad, is_counted) -> None:
     """Below 0.02 mm and 0.2 mrad noise would count as work; the travel adds to the next step."""
-    begin = guard_sample("contact", (0.0, 0.0, 10.0))
-    before = GuardState(first=begin, worked=begin, touched=True)
+    begin = monitor_sample("contact", (0.0, 0.0, 10.0))
+    before = MonitorState(first=begin, worked=begin, touched=True)
     turned = pin.utils.rotate("z", turn_rad) @ DOWN
-    then = guard_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -travel_m), R=turned)
+    then = monitor_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -travel_m), R=turned)
     now, _ = watched(before, then, SETTINGS)
     assert (now.worked is then) is is_counted
     assert (now.worked is begin) is not is_counted
-    later = guard_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -0.001))
+    later = monitor_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -0.001))
     assert watched(now, later, SETTINGS)[0].tool_work_J == pytest.approx(0.01)
 
 
@@ -175,11 +177,11 @@ def test_work_of_the_environment_on_a_press_from_free_space_is_limited_by_that_o
 
     A contact may have stored work before, and at set point 0 an operator may guide the tool.
     """
-    begin, limit_J = guard_sample(first), 0.0625 + 1.5 * tool_work_J
+    begin, limit_J = monitor_sample(first), 0.0625 + 1.5 * tool_work_J
     for work_J, is_more in ((limit_J, False), (next_above(limit_J), True)):
-        now = GuardState(first=begin, worked=begin, touched=True)
+        now = MonitorState(first=begin, worked=begin, touched=True)
         now.environment_work_J, now.tool_work_J = work_J, tool_work_J
-        _, trip = watched(now, guard_sample("contact", presses=presses), SETTINGS)
+        _, trip = watched(now, monitor_sample("contact", presses=presses), SETTINGS)
         trips = is_more and first == "approach" and presses
         expected = ("sensor_sign", work_J - 1.5 * tool_work_J, 0.0625)
         assert numbers(trip) == (expected if trips else None)
@@ -200,9 +202,9 @@ def test_work_of_the_environment_on_a_press_from_free_space_is_limited_by_that_o
 def test_a_search_ends_with_its_travel(first, touched, limit_m) -> None:
     """search_m for the first contact, lost_m for the next, along the tool, from its start."""
     for p_began_m in ((0.0, 0.0, 0.0), (0.5, 0.25, 0.0)):
-        began = GuardState(first=guard_sample(first), touched=touched, p_search_m=p_began_m)
+        began = MonitorState(first=monitor_sample(first), touched=touched, p_search_m=p_began_m)
         for travel_m, trips in ((limit_m, False), (next_above(limit_m), True), (-1.0, False)):
-            sample = guard_sample("approach", (0.0, 0.0, 0.0), (9.0, 9.0, -travel_m))
+            sample = monitor_sample("approach", (0.0, 0.0, 0.0), (9.0, 9.0, -travel_m))
             _, trip = watched(began, sample, SETTINGS)
             assert numbers(trip) == (("travel", travel_m, limit_m) if trips else None)
             lost = trip is not None and trip.text.startswith("contact was lost and not found")
@@ -212,11 +214,11 @@ def test_a_search_ends_with_its_travel(first, touched, limit_m) -> None:
 
 def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
     """Ten half waves of any error alone; an error of 3 and 4 N is 5 N for any torque error."""
-    sample = guard_sample("contact", error=(3.0, 0.0, -4.0, 100.0, 100.0, 100.0))
+    sample = monitor_sample("contact", error=(3.0, 0.0, -4.0, 100.0, 100.0, 100.0))
     for axis in range(6):
         for half_waves, expected in ((9, None), (10, ("oscillation", 5.0, None))):
             swing = [HalfWaves(count=half_waves * (k == axis)) for k in range(6)]
-            assert numbers(watched(GuardState(waves=swing), sample, SETTINGS)[1]) == expected
+            assert numbers(watched(MonitorState(waves=swing), sample, SETTINGS)[1]) == expected
 
 
 # --- a change of set point or mode ----------------------------------------------------------------
@@ -238,7 +240,7 @@ def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
 def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, present, lives_on):
     """Budgets continue from the first touch; a press begun in contact and now free starts anew."""
     swing = [HalfWaves(count=9) for _ in range(6)]
-    before = GuardState(guard_sample(first), worked=guard_sample(present), touched=touched)
+    before = MonitorState(monitor_sample(first), worked=monitor_sample(present), touched=touched)
     before.began_free, before.environment_work_J, before.waves = first == "approach", 0.02, swing
     now = kept_over_restart(before)
     kept = (now.first, now.worked, now.touched, now.environment_work_J)
@@ -249,7 +251,7 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(first, touched, pres
 
 def test_a_change_before_the_first_sample_carries_nothing() -> None:
     """After two requests within one period no motion has occurred."""
-    now = kept_over_restart(GuardState())
+    now = kept_over_restart(MonitorState())
     assert (now.first, now.worked) == (None, None)
     assert (now.began_free, now.touched) == (False, False)
 
@@ -257,8 +259,8 @@ def test_a_change_before_the_first_sample_carries_nothing() -> None:
 @pytest.mark.parametrize("turns", [False, True])
 def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
     """2 N m over 10 mrad are 0.02 J; in mode position the tool turns for others."""
-    now = GuardState(touched=True)
+    now = MonitorState(touched=True)
     for R in (DOWN, pin.utils.rotate("z", 0.01) @ DOWN):
-        sample = guard_sample("contact", R=R, torque_Nm=(0.0, 0.0, 2.0), rotates=turns)
+        sample = monitor_sample("contact", R=R, torque_Nm=(0.0, 0.0, 2.0), rotates=turns)
         now, _ = watched(now, sample, SETTINGS)
     assert now.environment_work_J == pytest.approx(0.02 if turns else 0.0)

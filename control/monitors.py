@@ -39,7 +39,7 @@ SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class GuardSettings:
+class MonitorSettings:
     """Limits of the monitors."""
 
     touch_N: float
@@ -51,7 +51,7 @@ class GuardSettings:
     half_wave_longest_s: float
 
     @classmethod
-    def of(cls, cell: CellConfig) -> "GuardSettings":
+    def of(cls, cell: CellConfig) -> "MonitorSettings":
         """Return the limits of a cell."""
         force, tau_s = cell.force, cell.plant.tau_s
         deadbands = [force.deadband_N] * 3 + [force.deadband_Nm] * 3
@@ -77,7 +77,7 @@ class HalfWaves:
     before_last: float = 0.0  # of the one before it, with this sign
     count: int = 0  # consecutive half waves that did not decay
 
-    def update(self, error: float, dt_s: float, least: float, settings: GuardSettings) -> int:
+    def update(self, error: float, dt_s: float, least: float, settings: MonitorSettings) -> int:
         """Add one more sample; return the number of half waves that did not decay.
 
         Args:
@@ -104,7 +104,7 @@ def no_waves() -> list[HalfWaves]:
 
 
 @dataclass(slots=True)
-class GuardSample:
+class MonitorSample:
     """One sample for the monitors: wrench in base axes about the TCP, pose and task."""
 
     force_N: Vec3
@@ -121,7 +121,7 @@ class GuardSample:
     dt_s: float
 
     @classmethod
-    def of(cls, sample: LawInput, law: LawMotion) -> "GuardSample":
+    def of(cls, sample: LawInput, law: LawMotion) -> "MonitorSample":
         """Return the monitors' view of one sample; only a press has an approach.
 
         The errors are those of axes that are not held, the only ones that the loop moves. The pose
@@ -149,12 +149,12 @@ class GuardSample:
 
 
 @dataclass(slots=True)
-class GuardState:
+class MonitorState:
     """State of the monitors from the start of force feedback on; advanced in place."""
 
-    first: GuardSample | None = None
+    first: MonitorSample | None = None
     began_free: bool = False  # with an approach
-    worked: GuardSample | None = None  # last sample whose work is counted
+    worked: MonitorSample | None = None  # last sample whose work is counted
     touched: bool = False
     environment_work_J: float = 0.0  # work done on the tool by the environment
     tool_work_J: float = 0.0  # work done by the tool
@@ -164,14 +164,14 @@ class GuardState:
     half_waves: int = 0  # that did not decay, of the worst axis
 
 
-def kept_over_restart(before: GuardState) -> GuardState:
+def kept_over_restart(before: MonitorState) -> MonitorState:
     """Return the state kept over a change of set point or mode: the work budgets continue.
 
     A tool without contact may begin its approach now, with the present readings as reference.
     """
     is_free = before.worked is not None and before.worked.contact != "contact"
     if not before.touched or (is_free and not before.began_free):
-        return GuardState()
+        return MonitorState()
     return replace(before, p_search_m=None, waves=no_waves())
 
 
@@ -184,7 +184,7 @@ def unchecked_axes(wrench: WrenchAtTcp, *, torques: bool = False) -> Trip | None
     return tripped("axes_unproved", text)
 
 
-def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
+def monitor(now: MonitorState, sample: MonitorSample, settings: MonitorSettings) -> Trip | None:
     """Advance the state by one sample; return the trip of the first monitor that fired."""
     _count_work(now, sample)
     now.first = first = now.first or sample
@@ -195,8 +195,8 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
     elif now.p_search_m is None:
         now.p_search_m = sample.T_base_tcp.translation.tolist()
     now.half_waves = max(
-        swing.update(error, sample.dt_s, least, settings)
-        for swing, error, least in zip(now.waves, sample.error, settings.half_wave, strict=True)
+        wave.update(error, sample.dt_s, least, settings)
+        for wave, error, least in zip(now.waves, sample.error, settings.half_wave, strict=True)
     )
     for code, unit, judge in MONITORS:
         if (found := judge(now, sample, settings)) is not None:
@@ -204,7 +204,7 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
     return None
 
 
-def _count_work(now: GuardState, sample: GuardSample) -> None:
+def _count_work(now: MonitorState, sample: MonitorSample) -> None:
     """Add the work between tool and environment since the last counted sample."""
     last = now.worked
     if last is None or not now.touched:
@@ -237,7 +237,9 @@ class Exceeded(NamedTuple):
     text: str
 
 
-def first_touch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+def first_touch(
+    now: MonitorState, sample: MonitorSample, settings: MonitorSettings
+) -> Exceeded | None:
     """Judge the increase of the force at a touch from free space: back along the press axis."""
     first = now.first or sample
     if now.touched or first.contact != "approach":
@@ -255,7 +257,9 @@ def first_touch(now: GuardState, sample: GuardSample, settings: GuardSettings) -
     return Exceeded(back_N, least_N, text)
 
 
-def passivity(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+def passivity(
+    now: MonitorState, sample: MonitorSample, settings: MonitorSettings
+) -> Exceeded | None:
     """Judge the work of the environment: a press cannot return more than it received.
 
     Along compliant axes anything may push the tool.
@@ -272,7 +276,7 @@ def passivity(now: GuardState, sample: GuardSample, settings: GuardSettings) -> 
     return Exceeded(more_J, settings.environment_work_J, text)
 
 
-def search(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exceeded | None:
+def search(now: MonitorState, sample: MonitorSample, settings: MonitorSettings) -> Exceeded | None:
     """Judge the travel in a search for contact."""
     if now.p_search_m is None:
         return None
@@ -285,7 +289,7 @@ def search(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Exc
     return Exceeded(travel_m, limit_m, f"{cause} within {limit_m * 1e3:g} mm")
 
 
-def oscillation(now: GuardState, sample: GuardSample, _: GuardSettings) -> Exceeded | None:
+def oscillation(now: MonitorState, sample: MonitorSample, _: MonitorSettings) -> Exceeded | None:
     """Judge the half waves of the error that did not decay."""
     if now.half_waves < HALF_WAVES:
         return None
@@ -299,7 +303,7 @@ class Monitor(NamedTuple):
 
     code: str
     unit: str
-    judge: Callable[[GuardState, GuardSample, GuardSettings], Exceeded | None]
+    judge: Callable[[MonitorState, MonitorSample, MonitorSettings], Exceeded | None]
 
 
 MONITORS = (

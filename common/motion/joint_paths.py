@@ -6,7 +6,7 @@ sample starting at the last one. A joint that already is beyond its range may mo
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from math import ceil, hypot, pi
+from math import ceil, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +22,6 @@ from forcemesh.messages import Goal, RobotState, Trip
 
 SAMPLE_M = 0.02
 MOST_SAMPLES = 60  # beyond one for each segment: bounds the time, which a control loop waits for
-REACHED = 1e-5  # m and rad together
-MOST_NEWTON_STEPS = 8
-LONGEST_STEP_RAD = 0.3  # of one iteration
 
 
 class Obstacle(NamedTuple):
@@ -144,16 +141,9 @@ class _Walk:
 
     def to(self, T_base_flange: pin.SE3, time_s: float | None) -> Trip | None:
         """Go to the next sample; return the limit that it violates."""
-        arm, T_model = self._space.arm, T_base_flange * self._T_flange_model
-        q = self._q
-        for _ in range(MOST_NEWTON_STEPS):
-            newton = arm.step_towards(T_model, q)
-            if hypot(*newton.twist.tolist()) < REACHED:
-                break
-            step = newton.inverse.dot(newton.twist)
-            q = q + step * min(1.0, LONGEST_STEP_RAD / float(abs(step).max()))
-        else:
-            reason = arm.solve(T_model, self._q, jump_rad=pi).reason or "a singularity is near"
+        T_model = T_base_flange * self._T_flange_model
+        q, reason = self._space.arm.solve(T_model, self._q, jump_rad=pi, any_range=True)
+        if q is None:
             return tripped("unreachable", reason)
         turn, self._q = q - self._q, q
         if (trip := check_joints(self._limits, q)) is not None or not time_s:

@@ -81,7 +81,9 @@ class ArmKinematics:
         pin.updateFramePlacement(self.model, self._data, self._flange)
         return np.asarray(pin.getFrameJacobian(self.model, self._data, self._flange, _LOCAL))
 
-    def solve(self, T_base_flange: pin.SE3, q_start: Array, *, jump_rad: float) -> IkResult:
+    def solve(
+        self, T_base_flange: pin.SE3, q_start: Array, *, jump_rad: float, any_range: bool = False
+    ) -> IkResult:
         """Return the joint angles that reach a pose, on the branch of q_start.
 
         Newton's method on log6(T(q)^-1 T_goal), damped in proportion to the remaining error.
@@ -90,6 +92,7 @@ class ArmKinematics:
             T_base_flange: Target pose.
             q_start: Where the search starts [rad]. Shape (n,).
             jump_rad: Largest permitted change of any joint from its start [rad].
+            any_range: The caller judges the ranges of the joints.
         """
         if not is_finite_pose(T_base_flange):
             return IkResult(None, "the pose contains a number that is not finite")
@@ -110,7 +113,7 @@ class ArmKinematics:
             q += step if longest <= _MAX_STEP_RAD else step * (_MAX_STEP_RAD / longest)
         if size > 1e-7:
             return IkResult(None, self._failure(T_base_flange, q, size))
-        if violation := self.limit_violation(q):
+        if not any_range and (violation := self.limit_violation(q)):
             return IkResult(None, violation)
         moved = abs(q - q_start).tolist()
         if (farthest := max(moved)) <= jump_rad:

@@ -18,8 +18,8 @@ NONE: Flags = (False, False, False)
 ALL: Flags = (True, True, True)
 Z: Vec3 = (0.0, 0.0, 1.0)
 IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-Limits = tuple[float | None, float | None, float | None]  # of three axes; None: the cell's
-CELLS: Limits = (None, None, None)
+AxisLimits = tuple[float | None, float | None, float | None]  # of three axes; None: the cell's
+CELLS: AxisLimits = (None, None, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +43,14 @@ class AxisTask:
     in_base: bool = False  # fixed to base, otherwise to the tool
     searches: bool = True  # a force set point without contact begins with an approach
     origin_m: Vec3 | None = None  # centre of rotation, base axes; None: the TCP
-    deadbands: tuple[Limits, Limits] = (CELLS, CELLS)  # of force [N] and torque [N m]
-    speeds: tuple[Limits | None, Limits | None] = (None, None)  # [m/s], [rad/s]
+    deadbands: tuple[AxisLimits, AxisLimits] = (CELLS, CELLS)  # of force [N] and torque [N m]
+    speeds: tuple[AxisLimits | None, AxisLimits | None] = (None, None)  # [m/s], [rad/s]
 
     turns_freely: bool = False  # a hand may turn the tool: torque control at set point 0
     # Of each axis along and about which the tool complies; None: it does not.
     compliant_along: tuple[VirtualMass | None, ...] = (None,) * 3
     compliant_about: tuple[VirtualMass | None, ...] = (None,) * 3
-    deviations: tuple[Limits, Limits] = (CELLS, CELLS)  # from the reference [m], [rad]
+    deviations: tuple[AxisLimits, AxisLimits] = (CELLS, CELLS)  # from the reference [m], [rad]
 
     @property
     def compliant(self) -> tuple[Flags, Flags]:
@@ -145,7 +145,7 @@ def masked(
     vector: Vec3,
     flags: Flags,
     R_base_task: Rows,
-    limits: Limits | None = None,
+    limits: AxisLimits | None = None,
     *,
     share: float = 1.0,
 ) -> Vec3:
@@ -168,7 +168,7 @@ def masked(
     return rotated(R_base_task, (x, y, z))
 
 
-def clipped(values: Vector, limits: Limits | None, share: float = 1.0) -> Vec3:
+def clipped(values: Vector, limits: AxisLimits | None, share: float = 1.0) -> Vec3:
     """Return values within a share of their limits, each for itself. Shape (3,)."""
     x, y, z = [
         value if limit is None else min(max(value, -limit * share), limit * share)

@@ -33,7 +33,7 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from control.axis_task import CELLS, AxisTask, Limits, masked
+from control.axis_task import CELLS, AxisLimits, AxisTask, masked
 from control.gains import PiGains
 from forcemesh.messages import ZERO3, Vec3
 
@@ -236,7 +236,7 @@ def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:
     return scaled(error, 1.0 - width / size) if size > max(width, rest) else ZERO3
 
 
-def task_deadband(error: Vector, width: float, rest: float, own: Limits) -> Vec3:
+def task_deadband(error: Vector, width: float, rest: float, own: AxisLimits) -> Vec3:
     """Return an error beyond its deadband, along the axes of the task frame. Shape (3,).
 
     Args:

@@ -20,7 +20,7 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from control.axis_task import CELLS, Limits, clipped, masked
+from control.axis_task import CELLS, AxisLimits, clipped, masked
 from control.compliance import ComplianceState
 from control.law import LawInput, LawMotion, limit_norm
 from forcemesh.messages import ZERO3, Vec3
@@ -104,7 +104,7 @@ def _shift_within_deviation(shift_m: Vec3, sample: LawInput, compliance: Complia
     return plus(shift_m, rotated(R, plus(kept_m, away_m, -1.0)))
 
 
-def at_limits(away: Vec3, limits: Limits) -> list[bool]:
+def at_limits(away: Vec3, limits: AxisLimits) -> list[bool]:
     """Return for each axis whether it is at the limit of its deviation."""
     pairs = zip(away, limits, strict=True)
     return [limit is not None and abs(each) > AT_LIMIT * limit for each, limit in pairs]

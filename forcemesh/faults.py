@@ -24,7 +24,7 @@ SHOWN_AS = {  # unit on the bus: factor and unit on the panel
     "rad/s": (degrees(1.0), "deg/s"),
 }
 
-Kind = Literal["FAULT", "HOLD", "REFUSAL"]
+FaultKind = Literal["FAULT", "HOLD", "REFUSAL"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class FaultCode:
 
     rule: int
     code: str
-    kind: Kind
+    kind: FaultKind
     cause: str
     remedy: str
 

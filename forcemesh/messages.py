@@ -21,7 +21,7 @@ Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # neither infinite nor
 Vec3 = tuple[Finite, Finite, Finite]
 FARTHEST_M = 100.0  # beyond any pose of an arm
 Coordinate = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
-Place = tuple[Coordinate, Coordinate, Coordinate]
+Position = tuple[Coordinate, Coordinate, Coordinate]
 Joints = Annotated[tuple[Finite, ...], Meta(max_length=16)]  # one angle for each joint [rad]
 Quaternion = Annotated[tuple[Finite, Finite, Finite, Finite], ROTATION]
 Gain = Annotated[float, Meta(ge=0.0, le=LARGEST)]  # a negative gain would push instead of yield
@@ -67,7 +67,7 @@ class Message(Record):
 class PoseRecord(Record):
     """Pose of a frame in base: position [m] and unit quaternion x, y, z, w."""
 
-    position_m: Place
+    position_m: Position
     orientation_xyzw: Quaternion
 
 

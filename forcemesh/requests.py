@@ -14,8 +14,8 @@ from forcemesh.messages import (
     Law,
     Message,
     Mode,
-    Place,
     PoseRecord,
+    Position,
     Preset,
     TaskFrame,
     Text,
@@ -133,7 +133,7 @@ class PathRequest(Record):
     turn the tool as well, and act along every axis that the force does not control.
     """
 
-    points_m: Annotated[tuple[Place, ...], Meta(max_length=60)] = ()  # of the TCP, base axes
+    points_m: Annotated[tuple[Position, ...], Meta(max_length=60)] = ()  # of the TCP, base axes
     poses: Annotated[tuple[PoseRecord, ...], Meta(max_length=30)] = ()  # of the TCP in base
     blend_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # before and after a corner
     append: bool = False  # append to the remaining points; otherwise replace them

@@ -29,7 +29,7 @@ from forcemesh.zenoh_settings import client_settings
 from tests.chaos.common_net import free_port
 
 T = TypeVar("T")
-Kind = Literal["zenoh", "pyzmq", "tcp"]
+ChainKind = Literal["zenoh", "pyzmq", "tcp"]
 Receive = Callable[[], bytes]
 Send = Callable[[bytes], object]
 
@@ -47,7 +47,7 @@ WARM_UP_S = 1.0
 class Plan:
     """What all processes of a chain know."""
 
-    kind: Kind
+    kind: ChainKind
     cell: CellConfig
     ports: list[int]
     rate_hz: float
@@ -56,7 +56,7 @@ class Plan:
 
 
 def run(
-    kind: Kind, cell: CellConfig, rate_hz: float, duration_s: float, *, realtime: bool
+    kind: ChainKind, cell: CellConfig, rate_hz: float, duration_s: float, *, realtime: bool
 ) -> tuple[Array, dict[str, Load]]:
     """Return the times from source to sink [us], and the load of each process."""
     spawn = multiprocessing.get_context("spawn")

@@ -65,7 +65,7 @@ def step_times_us(name: str, timed_s: float = TIMED_S) -> list[float]:
     return times_us
 
 
-CHAINS: dict[bare.Kind, str] = {
+CHAINS: dict[bare.ChainKind, str] = {
     "zenoh": "bare chain over the cell's router",
     "pyzmq": "bare chain over pyzmq",
     "tcp": "bare chain over TCP",
@@ -94,7 +94,7 @@ class Comparison:
     case: Row
     cells: list[cell.CellRun]  # in which the arm pressed until the end; may be none
     held: list[str]  # why the arm held in the others
-    bares: dict[bare.Kind, list[tuple[Array, dict[str, Load]]]]
+    bares: dict[bare.ChainKind, list[tuple[Array, dict[str, Load]]]]
     engine_pct: float  # of one core: MuJoCo's own steps
 
     def row(self) -> Row:
@@ -102,7 +102,7 @@ class Comparison:
         loads, times = [run.load for run in self.cells], [run.chain_us for run in self.cells]
         return {"chain": "cell", **_row(loads, times, self.engine_pct)}
 
-    def bare_row(self, kind: bare.Kind) -> Row:
+    def bare_row(self, kind: bare.ChainKind) -> Row:
         """Return the same of a bare chain, and the ratios of the cell to it."""
         loads, times = [load for _, load in self.bares[kind]], [us for us, _ in self.bares[kind]]
         found, ours = _row(loads, times), self.row()

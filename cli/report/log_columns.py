@@ -30,7 +30,7 @@ from tuning.log_quality import Band, LogColumn
 
 UNIT_WORDS = frozenset(("n", "nm", "s", "ms", "us", "ns"))  # of a name, beside its words
 TIME_WORDS = (("t", "time", "timestamp", "seconds"), ("stamp",))  # the first that occurs
-AXES = "xyz"
+AXIS_NAMES = "xyz"
 MOST_PERIOD_S = 0.5  # a longer median distance is probably a time in another unit
 BAND = re.compile(r"([0-9.eE+-]+)\s*(%|[A-Za-z][\w·.-]*)?")
 
@@ -164,7 +164,7 @@ def _candidates(
     `actual_TCP_force_0` .. `_5`: forces, then torques.
     """
     found = []
-    for number, axis in enumerate(AXES, first):
+    for number, axis in enumerate(AXIS_NAMES, first):
         last = {f"{letter}{axis}" for letter in letters} | {f"{word}{axis}"}
         pairs = ([word, axis], ["force", str(number)])
         words = {name: _words(name) for name in table.names}

@@ -38,7 +38,7 @@ FORCES = ("setpoint_max_N", "approach_budget_N", "touch_N")  # that the sensor m
 FARTHEST_WORKSPACE_M = 10.0  # beyond the reach of any arm, also on a rail
 
 Far = Annotated[float, Field(ge=-FARTHEST_WORKSPACE_M, le=FARTHEST_WORKSPACE_M)]  # [m] in base
-Place = tuple[Far, Far, Far]
+Position = tuple[Far, Far, Far]
 
 
 class RolesSection(ConfigSection):
@@ -135,7 +135,7 @@ class ForceSection(ConfigSection):
 class PlaneSection(ConfigSection):
     """Workspace plane in base axes: the TCP must stay on the side of the normal."""
 
-    point_m: Place  # any point of the plane
+    point_m: Position  # any point of the plane
     normal: Vec3  # of any length
 
     @model_validator(mode="after")

@@ -36,14 +36,14 @@ LATE_M, FAST = 2e-3, 1.5  # tolerance of the measured travel: rounding, report l
 SAME_DIRECTION = 0.9  # cosine between the paths that two processes compute from their own readings
 SAME_PATH_M, SAME_TURN_RAD = 1e-3, radians(0.2)
 
-Kind = Literal["force", "workspace", "blind"]
+BackOffKind = Literal["force", "workspace", "blind"]
 
 
 @dataclass(frozen=True, slots=True)
 class BackOffPlan:
     """A straight path of the tool without rotation, in base axes."""
 
-    kind: Kind
+    kind: BackOffKind
     travel_m: Array  # shape (3,)
 
     def goal(self, T_base_flange: pin.SE3) -> pin.SE3:
@@ -190,7 +190,9 @@ def is_loaded(limits: Limits, wrench: WrenchAtTcp) -> bool:
     )
 
 
-def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -> bool:
+def is_over(
+    kind: BackOffKind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None
+) -> bool:
     """Return whether the reason for backing off is gone; unknown without a usable force.
 
     Args:

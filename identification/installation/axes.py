@@ -25,7 +25,7 @@ from identification.installation.terms import ExpectedInstallation, Installation
 
 LEVER_LEAST_M, TOOL_LEAST_M = 0.005, 0.03
 SIDE_COSINE = 0.3
-AXES = "xyz"
+AXIS_NAMES = "xyz"
 LARGEST_RAD, RESEMBLES_RAD = math.tau + 0.01, math.radians(5.0)  # angles in radians
 NEARLY_UPRIGHT = math.sin(math.radians(2.0))
 PUSH = "`forcemesh check axes --push` shows it"
@@ -197,7 +197,7 @@ def unidentified(torque: TorqueFits, expected: ExpectedInstallation) -> list[str
 
 def uncertain_torques(wirings: list[Array]) -> list[str]:
     """Return the channels of torque that not all of the possible permutations leave in place."""
-    return [f"M{AXES[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
+    return [f"M{AXIS_NAMES[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
 
 
 def mounting_remarks(force: ForceFit) -> list[str]:
@@ -219,9 +219,9 @@ def wrong_channels(wiring: Array, of: str) -> str:
 
 def _wrong_rows(wiring: Array) -> list[tuple[str, str, str]]:
     """Return name, sign and axis of each row that is not that of the identity."""
-    rows = zip(AXES, wiring, EYE, strict=True)
+    rows = zip(AXIS_NAMES, wiring, EYE, strict=True)
     return [
-        (name, "-" if row.sum() < 0.0 else "", AXES[int(np.argmax(np.abs(row)))])
+        (name, "-" if row.sum() < 0.0 else "", AXIS_NAMES[int(np.argmax(np.abs(row)))])
         for name, row, right in rows
         if not same(row, right)
     ]
@@ -234,7 +234,7 @@ def rotation_text(R: Array) -> str:
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) > 0.99:
         sign = "" if axis[largest] > 0.0 else "-"
-        return f"{angle:.0f} degrees about {sign}{AXES[largest]}"
+        return f"{angle:.0f} degrees about {sign}{AXIS_NAMES[largest]}"
     return f"{angle:.0f} degrees about ({', '.join(f'{part:.2f}' for part in axis)})"
 
 

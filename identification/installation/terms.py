@@ -13,7 +13,7 @@ from common.motion.frames import Array
 
 Verdict = Literal["right", "wrong", "cannot tell"]
 # A wrong axis, sign or unit; a wrong payload in the cell file; more readings are needed.
-Kind = Literal["installation", "payload", "unsure"]
+FindingKind = Literal["installation", "payload", "unsure"]
 
 
 LONGEST_M = 2.0  # sensors and tools are closer to the flange
@@ -88,7 +88,7 @@ class InstallationFinding:
     code: str
     text: str
     remedy: str
-    kind: Kind = "installation"
+    kind: FindingKind = "installation"
 
     def __str__(self) -> str:
         """Return the sentence, followed by the remedy."""

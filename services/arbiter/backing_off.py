@@ -16,7 +16,7 @@ from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, RobotState, Speed, Trip, WrenchAtTcp
 from services.arbiter.inputs import Inputs, fault_trips
-from services.arbiter.preflight import Terms
+from services.arbiter.preflight import PreflightSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +63,20 @@ def is_blind(inputs: Inputs) -> bool:
     return inputs.wrench.fresh is None or inputs.sensor.fresh is None
 
 
-def begin(inputs: Inputs, robot: RobotState, terms: Terms, *, confirmed: bool) -> BackingOff | Trip:
+def begin(
+    inputs: Inputs, robot: RobotState, settings: PreflightSettings, *, confirmed: bool
+) -> BackingOff | Trip:
     """Return the back-off from here, or why there is none.
 
     Args:
         inputs: Present snapshot.
         robot: State of the robot.
-        terms: The cell's limits and tool.
+        settings: The cell's limits and tool.
         confirmed: Whether a person has agreed to back off without a measured force.
     """
     T, blind = pose_of(robot), is_blind(inputs)
     wrench = None if blind else inputs.wrench.fresh
-    limits, T_flange_tcp = terms.limits, terms.T_flange_tcp
+    limits, T_flange_tcp = settings.limits, settings.T_flange_tcp
     plan = back_off.plan(limits, T, T_flange_tcp, wrench, confirmed=confirmed)
     if isinstance(plan, Trip):
         return plan

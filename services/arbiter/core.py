@@ -31,7 +31,7 @@ from services.arbiter.preflight import (
     LEAST_REPORTS,
     NO_LEASE,
     LastLease,
-    Terms,
+    PreflightSettings,
     failed_checks,
     load_text,
 )
@@ -66,9 +66,9 @@ class Arbiter:
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
-        self._terms = Terms.of(cell)
+        self._settings = PreflightSettings.of(cell)
         self._check = ArmCheck(cell, ARBITER_SLACK)
-        self._stream_limits = retreat_limits(self._terms.limits, cell.force)
+        self._stream_limits = retreat_limits(self._settings.limits, cell.force)
         self._backing_off: BackingOff | None = None
         self._space = JointSpace.of(cell)
         rest_s = max(REST_S, LEAST_REPORTS / cell.rates.robot_hz)
@@ -270,7 +270,9 @@ class Arbiter:
         if motion is not None:
             joints = self._commanders.ownership.joints
             start = Stopping(trip, motion, inputs.now_ns, joints=joints)
-            self._stopping = begin_stop(start, self._check.bounds, self._terms.cell.force, wrench)
+            self._stopping = begin_stop(
+                start, self._check.bounds, self._settings.cell.force, wrench
+            )
         if self._stopping is None:
             self.stop("hold", trip)
         else:
@@ -308,9 +310,9 @@ class Arbiter:
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
         self._begin_lease(purpose, robot, inputs)
-        load = load_text(inputs, self._terms)
+        load = load_text(inputs, self._settings)
         unchecked = checks_off_text(self._space, pose_of(robot), robot.joint_rad)
-        forecast = self._terms.forecast if purpose == "all" else ""
+        forecast = self._settings.forecast if purpose == "all" else ""
         text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}{forecast}"
         return Reply(accepted=True, text=clipped(text))
 
@@ -319,12 +321,12 @@ class Arbiter:
     ) -> list[Trip]:
         """Return why the arm must not be armed."""
         return failed_checks(
-            inputs, self._terms, good_since_ns, purpose, last=self._last_lease, blind=blind
+            inputs, self._settings, good_since_ns, purpose, last=self._last_lease, blind=blind
         )
 
     def _begin_lease(self, purpose: Purpose, robot: RobotState, inputs: Inputs) -> None:
         self._armed_for, self._backing_off = purpose, None
-        self._check = ArmCheck(self._terms.cell, ARBITER_SLACK)  # nothing of the last lease
+        self._check = ArmCheck(self._settings.cell, ARBITER_SLACK)  # nothing of the last lease
         self._check.start(pose_of(robot), purpose)
         self._resting.explain()
         self._commanders.drop()
@@ -349,7 +351,7 @@ class Arbiter:
         not_ready = self._failed_checks(inputs, since_ns, "back_off", blind=blind)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
-        plan = backing_off.begin(inputs, robot, self._terms, confirmed=confirmed)
+        plan = backing_off.begin(inputs, robot, self._settings, confirmed=confirmed)
         if isinstance(plan, Trip):
             return refused(plan)
         self._begin_lease("back_off", robot, inputs)
@@ -380,7 +382,7 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of later moves, and a limit to those of streams and force feedback."""
-        if (trip := check_speed(self._terms.limits, speed)) is not None:
+        if (trip := check_speed(self._settings.limits, speed)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
         self._commanders.speed_m_s = real_m_s

@@ -32,7 +32,7 @@ LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class PreflightSettings:
     """Reference values of the preflight, from this process and its cell file."""
 
     cell: CellConfig
@@ -44,7 +44,7 @@ class Terms:
     forecast: str  # note for the reply to `arm`: the limit that the cell's own press would break
 
     @classmethod
-    def of(cls, cell: CellConfig) -> "Terms":
+    def of(cls, cell: CellConfig) -> "PreflightSettings":
         """Return the reference values of a cell."""
         return cls(
             cell,
@@ -76,7 +76,7 @@ class PreflightContext(NamedTuple):
     """Arguments of a check."""
 
     inputs: Inputs
-    terms: Terms
+    settings: PreflightSettings
     good_s: float  # time since all inputs are received and valid
     blind: bool  # to back off without a measured force
     last: LastLease = NO_LEASE
@@ -99,7 +99,7 @@ def _steady(context: PreflightContext) -> list[Trip]:
 
 def _at_rest(context: PreflightContext) -> list[Trip]:
     """Check the time at one pose, which while holding is the commanded one."""
-    rest_s, needed_s = context.inputs.monitored.rest_s, context.terms.rest_s
+    rest_s, needed_s = context.inputs.monitored.rest_s, context.settings.rest_s
     if rest_s >= needed_s:
         return []
     text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
@@ -126,7 +126,7 @@ def _challenge(context: PreflightContext) -> list[Trip]:
 
 def _mismatched_roles(context: PreflightContext) -> list[Trip]:
     """Return the roles with another cell file or version than the arbiter's."""
-    trips, own_hash = [], context.terms.config_hash
+    trips, own_hash = [], context.settings.config_hash
     for role, reading in context.inputs.health.items():
         health = reading.fresh
         if health is not None and health.config_hash != own_hash:
@@ -143,7 +143,7 @@ def _limits(context: PreflightContext) -> list[Trip | None]:
     wrench, robot = context.inputs.wrench.fresh, context.inputs.robot.fresh
     if wrench is None or robot is None:
         return []
-    limits, T_flange_tcp = context.terms.limits, context.terms.T_flange_tcp
+    limits, T_flange_tcp = context.settings.limits, context.settings.T_flange_tcp
     trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
     return [trip or check_workspace(limits, pose_of(robot) * T_flange_tcp)]
 
@@ -208,7 +208,7 @@ def _tare(context: PreflightContext) -> list[Trip]:
     """Check the age of the tare; the text contains the present reading."""
     wrench = context.inputs.wrench.fresh
     age_h = context.inputs.numbers("wrench").get("tare_age_h", 0.0)
-    limit_h = context.terms.cell.force.tare_age_max_s / 3600.0
+    limit_h = context.settings.cell.force.tare_age_max_s / 3600.0
     if age_h <= limit_h or wrench is None:
         return []
     text = (
@@ -234,9 +234,9 @@ CHECKS: tuple[Check, ...] = (
     Check("the residual force in free space is small",
           lambda context: [context.inputs.monitored.residual], FORCE),
     Check("the stiffness suits the controller, the approach is slow enough for it",
-          lambda context: context.terms.contact, FORCE),
+          lambda context: context.settings.contact, FORCE),
     Check("the controller is as fast as in the cell file",
-          lambda context: [slow_start_trip(context.inputs, context.terms.cell)], FORCE),
+          lambda context: [slow_start_trip(context.inputs, context.settings.cell)], FORCE),
     Check("the last tare is not too old", _tare, FORCE),
 )
 # fmt: on
@@ -244,7 +244,7 @@ CHECKS: tuple[Check, ...] = (
 
 def failed_checks(
     inputs: Inputs,
-    terms: Terms,
+    settings: PreflightSettings,
     good_since_ns: int | None,
     purpose: Purpose,
     *,
@@ -255,14 +255,14 @@ def failed_checks(
 
     Args:
         inputs: Present snapshot.
-        terms: Reference values.
+        settings: Reference values.
         good_since_ns: Time since which the inputs are good [ns]; None: they are not.
         purpose: Purpose of arming.
         last: The last lease of this arbiter.
         blind: To back off without a measured force.
     """
     good_s = 0.0 if good_since_ns is None else (inputs.now_ns - good_since_ns) / NS_PER_S
-    context, found = PreflightContext(inputs, terms, good_s, blind, last), list[Trip]()
+    context, found = PreflightContext(inputs, settings, good_s, blind, last), list[Trip]()
     for row in CHECKS:
         if purpose in row.purposes:
             found.extend(filter(None, row.failures(context)))
@@ -271,9 +271,9 @@ def failed_checks(
     return found
 
 
-def load_text(inputs: Inputs, terms: Terms) -> str:
+def load_text(inputs: Inputs, settings: PreflightSettings) -> str:
     """Return a note for the reply to `arm` that the tool is loaded, empty when it is free."""
     wrench = inputs.wrench.fresh
-    if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.cell.force.touch_N:
+    if wrench is None or (force_N := hypot(*wrench.force_N)) <= settings.cell.force.touch_N:
         return ""
     return f"; the tool is loaded with {force_N:.1f} N: `forcemesh retract` leaves a contact"

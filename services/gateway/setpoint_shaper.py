@@ -31,7 +31,7 @@ RUNS_FROM = 3  # set points sent before stalls count: the controller plans its f
 NOTHING = 1e-12  # avoids a division by zero travel
 LEAST_SHARE = 0.25  # a smaller share of the travel waits while the window is not empty
 
-Place = Callable[[pin.SE3], Trip | None]
+PoseCheck = Callable[[pin.SE3], Trip | None]
 Steps = tuple[float, float]  # from one set point to the next [m, rad]
 
 
@@ -59,7 +59,7 @@ class SetpointShaper:
     def __init__(
         self,
         limits: LimitsSection,
-        place: Place,
+        place: PoseCheck,
         catch_up: CatchUp | None = None,
         step: Steps = (inf, inf),
     ) -> None:

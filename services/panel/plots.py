@@ -47,7 +47,7 @@ COLOURS = {
 }
 # Colours of the axes that suit the light and the dark theme.
 STROKE, GRID = "#8b95a1", uplot.Axis_Grid(stroke="#8b95a133", width=1)
-AXES = (
+PLOT_AXES = (
     uplot.Axis(stroke=STROKE, grid=GRID, label="time [s]", labelSize=LABEL_SIZE, size=TIME_SIZE),
     uplot.Axis(stroke=STROKE, grid=GRID, size=46, space=TICKS_APART),
 )
@@ -153,7 +153,7 @@ class Plots:
                     tuple(series(name) for name in ("t", *kind.names)),
                     title=kind.title,
                     scales=scales(self._spans[kind]),
-                    axes=AXES,
+                    axes=PLOT_AXES,
                     legend=uplot.Legend(show=len(kind.names) > 1, live=False),
                     height=PLOT_HEIGHT,
                 )

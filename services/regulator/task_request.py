@@ -14,9 +14,9 @@ from common.motion.convert import pose_of
 from common.motion.frames import Rows, cross, plus, rotated_back, true_sensor
 from control.axis_task import (
     IDENTITY,
+    AxisLimits,
     AxisTask,
     Flags,
-    Limits,
     VirtualMass,
     mode_task,
 )
@@ -189,12 +189,12 @@ def _turn_limit(axis: TaskAxis) -> float | None:
     return axis.deviation_max
 
 
-def _speeds(axes: tuple[TaskAxis, ...]) -> Limits | None:
+def _speeds(axes: tuple[TaskAxis, ...]) -> AxisLimits | None:
     limits = _limits([axis.speed_max for axis in axes])
     return None if limits == (None, None, None) else limits
 
 
-def _limits(values: list[float | None]) -> Limits:
+def _limits(values: list[float | None]) -> AxisLimits:
     x, y, z = values
     return (x, y, z)
 

@@ -13,7 +13,7 @@ from forcemesh.messages import ZERO3, Vec3
 
 BAD_SHARE = 0.1  # of the readings of the window
 WINDOW = 100
-AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
+CHANNELS = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 
 class SensorFault(NamedTuple):
@@ -86,7 +86,7 @@ def judged(
 ) -> SensorSample:
     """Return the sample of a reading: saturated when an axis is at 95 % of its range or beyond."""
     ranges = (force_range_N,) * 3 + (torque_range_Nm,) * 3
-    for (axis, unit), value, full in zip(AXES, force_N + torque_Nm, ranges, strict=True):
+    for (axis, unit), value, full in zip(CHANNELS, force_N + torque_Nm, ranges, strict=True):
         if abs(value) >= SATURATED_FROM * full:
             text = (
                 f"{axis} reads {value:.4g} {unit}, "
@@ -98,7 +98,7 @@ def judged(
 
 def refused_unless_finite(sample: SensorSample) -> SensorSample:
     """Return a sample, or a fault in its place if one of its numbers is not finite."""
-    for (axis, _), value in zip(AXES, sample.force_N + sample.torque_Nm, strict=True):
+    for (axis, _), value in zip(CHANNELS, sample.force_N + sample.torque_Nm, strict=True):
         if not isfinite(value):
             text = f"{axis} reads {value}: not finite"
             fault = fault_sample("sensor_fault", text)

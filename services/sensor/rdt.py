@@ -85,7 +85,7 @@ def sample_of(record: RdtRecord, scale: SensorSection) -> SensorSample:
 
 # --- sequence of the stream -----------------------------------------------------------------------
 
-Kind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is published
+RecordKind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is published
 
 
 @dataclass(slots=True)
@@ -111,7 +111,7 @@ class RdtStream:
     still_since_ns: int = 0
     tally: Tally = field(default_factory=Tally)
 
-    def follow(self, record: RdtRecord, now_ns: int) -> Kind:
+    def follow(self, record: RdtRecord, now_ns: int) -> RecordKind:
         """Advance by a record; return its kind. Only the newest record is a sample."""
         tally, newest = self.tally, self.newest
         tally.records += 1
@@ -141,12 +141,14 @@ class RdtStream:
         text = f"the sensor is frozen: {self.still_records} samples without a trace of noise"
         return SensorFault("sensor_frozen", text)
 
-    def _begin(self, record: RdtRecord, now_ns: int) -> Kind:
+    def _begin(self, record: RdtRecord, now_ns: int) -> RecordKind:
         self.newest, self.missing, self.number = record, 0, self.number + 1
         self.still_records, self.still_since_ns = 1, now_ns
         return "sample"
 
-    def _continue(self, record: RdtRecord, newest: RdtRecord, ahead: int, now_ns: int) -> Kind:
+    def _continue(
+        self, record: RdtRecord, newest: RdtRecord, ahead: int, now_ns: int
+    ) -> RecordKind:
         gap = ((1 << ahead) - 1) & ~1  # bits of the records between the two
         self.missing = (self.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
         self.newest, self.number = record, self.number + ahead

@@ -18,7 +18,7 @@ FEWEST_REPEATS = 3  # a slow sensor may repeat its last reading
 WILD_APART = 10  # samples: a single outlier is a spike on the line, two this close are a fault
 MARGIN_OF_RANGE = 0.02  # added to the largest step: noise and model error
 LEVER_BEYOND_TCP_M = 0.1  # largest distance of a contact from the TCP
-AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
+CHANNELS = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class ReadingCheck:
         self._still_s = self._still_s + dt_s if same else 0.0
         self._reference_s += dt_s
         self._last, self.accepted = reading, False
-        for (axis, unit), value, full in zip(AXES, reading, bounds.range, strict=True):
+        for (axis, unit), value, full in zip(CHANNELS, reading, bounds.range, strict=True):
             if not abs(value) < SATURATED_FROM * full:  # nor is a number that is not finite
                 self._reference = None
                 if not isfinite(value):

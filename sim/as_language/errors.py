@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from controller.error_codes import ERROR_TEXTS, number_of
 from forcemesh.errors import ForcemeshError
-from sim.as_language.syntax import Position
+from sim.as_language.syntax import SourcePosition
 
 TEXTS = ERROR_TEXTS | dict(
     line.split(" ", 1)
@@ -37,7 +37,7 @@ E0112 CALL is nested too deep""".splitlines()
 class SyntaxMistake(NamedTuple):
     """One mistake in a file: position, code, the text found and the text expected."""
 
-    where: Position
+    where: SourcePosition
     code: str
     text: str
     column: int = 0

@@ -28,10 +28,10 @@ from sim.as_language.parser import examine, text_of
 from sim.as_language.special_functions import ALL_NAMES
 from sim.as_language.syntax import (
     SIGNIFICANT_CHARACTERS,
-    Position,
     Program,
     ProgramStep,
     SourceFile,
+    SourcePosition,
     Variable,
 )
 
@@ -251,7 +251,7 @@ def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
 
 def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[LintFinding]:
     """Yield warnings about the lines of the programs of a file."""
-    spellings: dict[str, dict[str, Position]] = defaultdict(dict)
+    spellings: dict[str, dict[str, SourcePosition]] = defaultdict(dict)
     for _, step in steps(source):
         line = lines[step.where.line - 1]
         code = NO_CODE.sub(" ", line)
@@ -268,7 +268,7 @@ def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[LintFinding
 SWITCH_NAME = re.compile(r"\bSWITCH\s*\([^)]*\)", re.IGNORECASE)  # not of a variable: whole
 
 
-def _characters(where: Position, line: str, code: str) -> Iterator[LintFinding]:
+def _characters(where: SourcePosition, line: str, code: str) -> Iterator[LintFinding]:
     if len(line) > LONGEST_LINE:
         text = f"{len(line)} columns; {LONGEST_LINE} are safe on every controller"
         yield LintFinding(where, "long-line", text)
@@ -294,7 +294,7 @@ def _significant(name: str) -> int:
     return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
 
 
-def _names(names: dict[str, Position]) -> Iterator[LintFinding]:
+def _names(names: dict[str, SourcePosition]) -> Iterator[LintFinding]:
     for name, where in names.items():
         short = name[: _significant(name)]
         yield LintFinding(where, "long-name", f"{name} is {short}: 15 characters are significant")

@@ -19,10 +19,10 @@ from sim.as_language.syntax import (
     FunctionCall,
     Node,
     Number,
-    Position,
     Program,
     ProgramStep,
     SourceFile,
+    SourcePosition,
 )
 
 # Rules for what the emulator parses but cannot execute.
@@ -32,7 +32,7 @@ NOT_EXECUTED = keywords.words("instruction function format")
 class LintFinding(NamedTuple):
     """One finding: an unsupported construct or a warning."""
 
-    where: Position
+    where: SourcePosition
     rule: str
     text: str
     program: str = ""

@@ -20,12 +20,12 @@ from sim.as_language.errors import AsError, AsSyntaxError, SyntaxMistake
 from sim.as_language.lines import parse_line, parse_parameters
 from sim.as_language.syntax import (
     SIGNIFICANT_CHARACTERS,
-    Position,
     Program,
     ProgramStep,
     Remark,
     SkippedSection,
     SourceFile,
+    SourcePosition,
     Statement,
 )
 from sim.as_language.values import single
@@ -79,7 +79,7 @@ def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[SyntaxMist
     """
     reader = _Reader(name)
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text), start=1):
-        reader.read(line, Position(name, number))
+        reader.read(line, SourcePosition(name, number))
     return reader.finish()
 
 
@@ -96,7 +96,7 @@ class _Reader:
         self.remarks: list[Remark] = []
         self.mistakes: list[SyntaxMistake] = []
 
-    def read(self, line: str, where: Position) -> None:
+    def read(self, line: str, where: SourcePosition) -> None:
         """Parse the next line."""
         stripped = line.strip(" \t\x1a\x00")
         header = HEADER.match(stripped)
@@ -123,7 +123,7 @@ class _Reader:
         )
         return source, tuple(sorted(self.mistakes, key=lambda m: (m.where.line, m.column)))
 
-    def _open(self, header: re.Match[str], where: Position) -> None:
+    def _open(self, header: re.Match[str], where: SourcePosition) -> None:
         self._close_unfinished()
         self.section = f".{header['word'].upper()}"
         if self.section == ".PROGRAM":
@@ -167,7 +167,7 @@ class _Open:
 class _ProgramReader:
     """Parser of one program: numbers its steps, collects labels, and resolves jump targets."""
 
-    def __init__(self, header: str, where: Position) -> None:
+    def __init__(self, header: str, where: SourcePosition) -> None:
         self.where = where
         self.mistakes: list[SyntaxMistake] = []
         self.remarks: list[Remark] = []
@@ -186,7 +186,7 @@ class _ProgramReader:
         except AsError as error:
             self.mistakes.append(SyntaxMistake(where, error.code, error.detail))
 
-    def read(self, line: str, where: Position) -> None:
+    def read(self, line: str, where: SourcePosition) -> None:
         """Parse the next line; blank lines are not steps."""
         text, at = line.strip(), len(self.steps)
         if not text:
@@ -300,7 +300,7 @@ def _header(rest: str) -> tuple[str, tuple[syntax.Variable, ...]]:
 # --- data -----------------------------------------------------------------------------------------
 
 
-def _data_line(section: str, line: str, where: Position) -> syntax.DataValue:
+def _data_line(section: str, line: str, where: SourcePosition) -> syntax.DataValue:
     """Return the value on one line of a data section; raise `AsError`."""
     match = DATA_ITEM.match(line.strip())
     if match is None:

@@ -339,8 +339,8 @@ class Instruction(Statement):
 # --- files ----------------------------------------------------------------------------------------
 
 
-class Position(Node):
-    """Position in a file: file and line (from 1)."""
+class SourcePosition(Node):
+    """Position in the source: file and line (from 1)."""
 
     file: str
     line: int
@@ -354,7 +354,7 @@ class ProgramStep(Node):
 
     number: int
     statement: Statement
-    where: Position
+    where: SourcePosition
     text: str = ""
     label: str | None = None
 
@@ -365,7 +365,7 @@ class Program(Node):
     name: str
     parameters: tuple[Variable, ...]
     steps: tuple[ProgramStep, ...]
-    where: Position
+    where: SourcePosition
     labels: Mapping[str, int] = msgspec.field(default_factory=dict)
 
 
@@ -377,20 +377,20 @@ class DataValue(Node):
 
     variable: Variable
     value: float | str | tuple[float, ...]
-    where: Position
+    where: SourcePosition
 
 
 class SkippedSection(Node):
     """A skipped section: its name (".ROBOTDATA1") and position."""
 
     name: str
-    where: Position
+    where: SourcePosition
 
 
 class Remark(Node):
     """A construct that the parser accepted with a warning."""
 
-    where: Position
+    where: SourcePosition
     text: str
 
 

@@ -23,16 +23,16 @@ from sim.controller.motion_requests import (
 from sim.controller.tasks import Task, Wait
 
 Words = tuple[str, ...]
-Kind = Literal["linear", "joint", "pause"]
+MotionKind = Literal["linear", "joint", "pause"]
 _LONGEST_ACCURACY_MM = 5000.0
 
 
-def move(kind: Kind, task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
+def move(kind: MotionKind, task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
     """LMOVE p[,clamp], JMOVE p[,clamp] and HMOVE p[,clamp] (as LMOVE)."""
     return queue_motions(task, goal_request(task, kind, goal), clamp=clamp)
 
 
-def approach(kind: Kind, task: Task, goal: Pose, distance_mm: float) -> Wait | None:
+def approach(kind: MotionKind, task: Task, goal: Pose, distance_mm: float) -> Wait | None:
     """LAPPRO p,d and JAPPRO p,d: d [mm] before p, along its -Z."""
     if isinstance(goal, Joints):
         T = task.hardware.robot.pose_of(np.radians(goal.values))
@@ -41,7 +41,7 @@ def approach(kind: Kind, task: Task, goal: Pose, distance_mm: float) -> Wait | N
     return queue_motions(task, request(task, kind, T=T * _translation_z(-distance_mm)))
 
 
-def depart(kind: Kind, task: Task, distance_mm: float) -> Wait | None:
+def depart(kind: MotionKind, task: Task, distance_mm: float) -> Wait | None:
     """LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
     T = task.hardware.robot.start_of_next()
     return queue_motions(task, request(task, kind, T=T * _translation_z(-distance_mm)))
@@ -145,7 +145,7 @@ def _set(task: Task, field: str, value: object, words: Words) -> None:
 
 def request(
     task: Task,
-    kind: Kind,
+    kind: MotionKind,
     *,
     q: Array | None = None,
     T: pin.SE3 | None = None,
@@ -168,7 +168,9 @@ def request(
     return MotionRequest(kind, manner, T_base_tcp=T_base_tcp, q=q, pause_s=pause_s)
 
 
-def goal_request(task: Task, kind: Kind, goal: Pose, *, of_arc: bool = False) -> MotionRequest:
+def goal_request(
+    task: Task, kind: MotionKind, goal: Pose, *, of_arc: bool = False
+) -> MotionRequest:
     """Return a motion to a location of a program. Raises AsError E1097 as `request`."""
     if isinstance(goal, Joints):
         return request(task, kind, q=np.radians(goal.values), of_arc=of_arc)

@@ -8,17 +8,17 @@ from typing import Literal, get_args
 from forcemesh.topics import ROLES
 
 CellName = Literal["sim", "tcp"]
-Kind = Literal[
+FailureKind = Literal[
     "kill", "freeze-0.1", "freeze-1", "freeze-5", "terminate", "restart",
     "memory", "two-killed", "two-frozen-1", "killed-in-freeze-1",
 ]  # fmt: skip
 Phase = Literal["approach", "press", "retreat"]
 
 CELLS: tuple[CellName, ...] = get_args(CellName)
-KINDS: tuple[Kind, ...] = get_args(Kind)
+KINDS: tuple[FailureKind, ...] = get_args(FailureKind)
 PHASES: tuple[Phase, ...] = get_args(Phase)
 FREEZES = ("freeze", "two-frozen", "killed-in-freeze")
-TWO: tuple[Kind, ...] = ("two-killed", "two-frozen-1", "killed-in-freeze-1")
+TWO: tuple[FailureKind, ...] = ("two-killed", "two-frozen-1", "killed-in-freeze-1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Case:
 
     cell: CellName
     role: str
-    kind: Kind
+    kind: FailureKind
     phase: Phase
     seed: int
 
@@ -98,7 +98,7 @@ def one_of_each_kind(seed: int) -> list[Case]:
     return cases
 
 
-def _rotate(role: str, kind: Kind, each: int, seed: int) -> Iterator[Case]:
+def _rotate(role: str, kind: FailureKind, each: int, seed: int) -> Iterator[Case]:
     turn = ROLES.index(role) + KINDS.index(kind) + seed
     for number in range(each):
         cell = "tcp" if role == "sensor" else CELLS[number % len(CELLS)]
@@ -106,7 +106,7 @@ def _rotate(role: str, kind: Kind, each: int, seed: int) -> Iterator[Case]:
         yield Case(cell, role, kind, PHASES[(turn + number) % len(PHASES)], seed + number)
 
 
-def named(name: str) -> tuple[str, Kind, Phase]:
+def named(name: str) -> tuple[str, FailureKind, Phase]:
     """Return role, kind and phase of a name such as "regulator/freeze-1/press".
 
     Raises ValueError for an invalid name.

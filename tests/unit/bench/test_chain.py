@@ -25,7 +25,7 @@ RATE_HZ, DURATION_S = 100.0, 0.5
 
 @pytest.mark.processes
 @pytest.mark.parametrize("kind", CHAINS)
-def test_a_bare_chain_forwards_what_its_source_sends(kind: bare.Kind) -> None:
+def test_a_bare_chain_forwards_what_its_source_sends(kind: bare.ChainKind) -> None:
     """Nearly every message arrives, later than it was sent, and every process has run."""
     times_us, load = bare.run(kind, cell_of(USUAL), RATE_HZ, DURATION_S, realtime=False)
     # Zenoh may drop a message of a reader that the machine stopped; the others lose none.

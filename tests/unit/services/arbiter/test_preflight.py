@@ -12,7 +12,7 @@ from services.arbiter.preflight import (
     CHECKS,
     LastLease,
     PreflightContext,
-    Terms,
+    PreflightSettings,
     failed_checks,
     load_text,
 )
@@ -77,7 +77,7 @@ def test_a_robot_without_a_challenge_is_not_armed() -> None:
 
 def context_of(world: World) -> PreflightContext:
     """Return the arguments of a check."""
-    return PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+    return PreflightContext(world.inputs(), PreflightSettings.of(world.cell), 9.0, blind=False)
 
 
 def test_a_lease_never_begins_with_the_challenge_of_the_one_before() -> None:
@@ -216,16 +216,16 @@ def test_a_lost_input_is_reported_alone() -> None:
 
 # --- exact limits ---------------------------------------------------------------------------------
 
-TERMS = Terms.of(CELL)
+SETTINGS = PreflightSettings.of(CELL)
 
 
 def test_one_second_of_good_inputs_is_sufficient() -> None:
     """One nanosecond less is refused, with the duration."""
     inputs = World().make_ready().inputs()
-    assert failed_checks(inputs, TERMS, inputs.now_ns - NS_PER_S, "all") == []
-    (trip,) = failed_checks(inputs, TERMS, inputs.now_ns - NS_PER_S + 1, "all")
+    assert failed_checks(inputs, SETTINGS, inputs.now_ns - NS_PER_S, "all") == []
+    (trip,) = failed_checks(inputs, SETTINGS, inputs.now_ns - NS_PER_S + 1, "all")
     assert (trip.code, trip.limit) == ("not_ready", 1.0)
-    (trip,) = failed_checks(inputs, TERMS, None, "all")
+    (trip,) = failed_checks(inputs, SETTINGS, None, "all")
     assert (trip.code, trip.value) == ("not_ready", 0.0)
 
 
@@ -235,11 +235,11 @@ def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
 ) -> None:
     """Exactly this time is sufficient; a robot on a slow link is checked for longer."""
     world = World(cell_with(rates__robot_hz=robot_hz)).make_ready()
-    terms = Terms.of(world.cell)
+    settings = PreflightSettings.of(world.cell)
     for rest_s in (needed_s, nextafter(needed_s, 0.0)):
         inputs = world.inputs()
         inputs.monitored = inputs.monitored._replace(rest_s=rest_s)
-        found = failed_checks(inputs, terms, inputs.now_ns - NS_PER_S, "back_off")
+        found = failed_checks(inputs, settings, inputs.now_ns - NS_PER_S, "back_off")
         values = [(trip.code, trip.value, trip.limit, trip.unit) for trip in found]
         assert values == ([] if rest_s == needed_s else [("moving", rest_s, needed_s, "s")])
 
@@ -251,7 +251,7 @@ def test_a_tare_may_have_the_age_of_the_cell_file(age_h: float, reports: int) ->
     world.change("wrench/health", numbers={"tare_age_h": age_h})
     inputs = world.inputs()
     since_ns = inputs.now_ns - 9 * NS_PER_S
-    found = failed_checks(inputs, Terms.of(world.cell), since_ns, "all")
+    found = failed_checks(inputs, PreflightSettings.of(world.cell), since_ns, "all")
     assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * reports
     assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * reports
 
@@ -271,13 +271,13 @@ def test_an_unknown_age_of_the_tare_is_no_fault(silent: set[str]) -> None:
 def test_the_reply_to_arm_reports_a_load_beyond_a_touch(over_N: float, reports: bool) -> None:
     """The cell's touch force itself is not reported; without a wrench no load is known."""
     world = World().make_ready()
-    load_N = TERMS.cell.force.touch_N + over_N
+    load_N = SETTINGS.cell.force.touch_N + over_N
     set_force(world, load_N)
-    text = load_text(world.inputs(), TERMS)
+    text = load_text(world.inputs(), SETTINGS)
     assert text.startswith(f"; the tool is loaded with {load_N:.1f} N") == reports
     assert bool(text) == reports
     world.silent = {"wrench"}
-    assert load_text(world.inputs(), TERMS) == ""
+    assert load_text(world.inputs(), SETTINGS) == ""
 
 
 @pytest.mark.parametrize("name", ["robot", "wrench"])

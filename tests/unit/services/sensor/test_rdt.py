@@ -17,10 +17,10 @@ from services.sensor.rdt import (
     LATE_WINDOW,
     RECORD,
     SEQUENCES,
-    Kind,
     RdtCommand,
     RdtRecord,
     RdtStream,
+    RecordKind,
     parse,
     request,
     sample_of,
@@ -50,7 +50,7 @@ def record(
 
 def follow_all(
     records: list[RdtRecord], stream: RdtStream | None = None
-) -> tuple[RdtStream, list[Kind]]:
+) -> tuple[RdtStream, list[RecordKind]]:
     """Take the records, one in each period."""
     stream = stream or RdtStream()
     return stream, [stream.follow(item, at * PERIOD_NS) for at, item in enumerate(records)]

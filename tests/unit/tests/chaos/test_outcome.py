@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.chaos.cases import Case, Kind
+from tests.chaos.cases import Case, FailureKind
 from tests.chaos.outcome import Outcome, OutcomeLimits, violations
 
 LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
@@ -12,7 +12,9 @@ LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
     ("kind", "seed", "second"),
     [("kill", 8, ""), ("two-killed", 8, "arbiter"), ("two-killed", 7, "regulator")],
 )
-def test_a_cause_is_reported_and_the_status_shows_it(kind: Kind, seed: int, second: str) -> None:
+def test_a_cause_is_reported_and_the_status_shows_it(
+    kind: FailureKind, seed: int, second: str
+) -> None:
     """Robot and arbiter that end together leave nobody with a cause: the status shows them."""
     case = Case("sim", "robot", kind, "press", seed)
     assert case.second_role == second

@@ -147,6 +147,18 @@ def test_no_axis_moves_beyond_its_deviation_or_faster_than_the_cell_permits(
         assert state.at_limit[5]
 
 
+def test_a_virtual_mass_leaves_the_limit_of_its_deviation_at_once() -> None:
+    """What the limit cuts of its speed is gone: it has nothing to brake first."""
+    limits = ((0.002, None, None), CELLS)
+    task = AxisTask(NONE, compliant_along=(VirtualMass(mass=20.0), None, None), deviations=limits)
+    state, motion, sample = pushed(task, (30.0, 0.0, 0.0))
+    assert state.at_limit[0]
+    force_N = tuple(sample.motion.T_base_tcp.rotation @ [-30.0, 0.0, 0.0])
+    back = commanded(LawInput(force_N, ZERO3, task, DT_S, GAINS, motion, START), state)
+    away_m, _ = state.deviation(back.T_base_tcp, sample)
+    assert away_m[0] < 0.002 - 1e-6
+
+
 def test_force_control_and_compliance_keep_the_speed_limit_together() -> None:
     """One period moves the tool by at most the limit of force feedback, in any axes."""
     task = AxisTask((True, True, False), compliant_along=(None, None, VirtualMass()))

@@ -33,12 +33,14 @@ from common.motion.frames import (
     product,
     rotated,
     rotated_back,
+    scaled,
     speeds_between,
 )
-from control.axis_task import AxisTask, VirtualMass
+from common.motion.rate_limiter import REST
+from control.axis_task import CELLS, AxisTask, VirtualMass
 from control.delay_model import LoopDelayModel
 from control.gain_rule import LOOP_GAIN
-from control.law import LawInput, LawMotion, task_deadband
+from control.law import LawInput, task_deadband
 from forcemesh.messages import ZERO3, AxisState, Vec3
 from forcemesh.requests import ForceTask
 
@@ -51,6 +53,7 @@ RECENT_S = 0.01  # time constant of the means from which the stiffness is comput
 LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
 STIFFER_THAN_CONTACT = 1.1
 RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
+AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
 
@@ -120,12 +123,32 @@ class ComplianceState:
         R = sample.R_base_task
         return rotated_back(R, moved_m), rotated_back(R, turned_rad)
 
-    def keep(self, speed_m_s: Vec3, speed_rad_s: Vec3, sample: LawInput) -> None:
-        """Continue the virtual masses at what limits have left of their speeds, base axes."""
+    def keep(self, wanted: Speeds, left: Speeds, sample: LawInput) -> None:
+        """Continue each virtual mass at what limits have left of its motion in a period.
+
+        Nothing that moves the tool as well, such as a turn, gives a mass a speed.
+        """
         if sample.task.complies:
-            R, (along, about) = sample.R_base_task, sample.task.compliant
-            self.speed_m_s = product(rotated_back(R, speed_m_s), along)
-            self.speed_rad_s = product(rotated_back(R, speed_rad_s), about)
+            R, per_s = sample.R_base_task, 1.0 / sample.dt_s
+            self.speed_m_s, self.speed_rad_s = (
+                scaled(product(_left_of(rotated_back(R, own), rotated_back(R, rest)), axes), per_s)
+                for own, rest, axes in zip(wanted, left, sample.task.compliant, strict=True)
+            )
+
+    def rest(self) -> None:
+        """Bring the virtual masses to rest, as the tool is."""
+        self.speed_m_s = self.speed_rad_s = ZERO3
+
+    def note_limits(self, T_base_tcp: pin.SE3, sample: LawInput) -> None:
+        """Note which axes are at the limits of their deviations."""
+        limits_m, limits_rad = sample.task.deviations
+        if limits_m == limits_rad == CELLS:
+            return
+        away_m, away_rad = self.deviation(T_base_tcp, sample)
+        pairs = zip((*away_m, *away_rad), (*limits_m, *limits_rad), strict=True)
+        self.at_limit = [
+            limit is not None and abs(away) > AT_LIMIT * limit for away, limit in pairs
+        ]
 
 
 def referring(task: AxisTask) -> tuple[object, ...]:
@@ -135,18 +158,24 @@ def referring(task: AxisTask) -> tuple[object, ...]:
     ), task.deviations
 
 
-def comply(
-    state: ComplianceState, sample: LawInput, motion: LawMotion, settings: ComplianceSettings
-) -> None:
-    """Add what the compliant axes want in this period to the motion of force control."""
+def _left_of(own: Vec3, rest: Vec3) -> Vec3:
+    """Return what is left of each value: between zero and itself."""
+    x, y, z = [
+        min(max(left, min(value, 0.0)), max(value, 0.0))
+        for value, left in zip(own, rest, strict=True)
+    ]
+    return (x, y, z)
+
+
+def comply(state: ComplianceState, sample: LawInput, settings: ComplianceSettings) -> Speeds:
+    """Return what the compliant axes want in this period: shift [m], rotation [rad], base axes."""
     if not sample.task.complies:
-        return
+        return REST
     R, dt_s = sample.R_base_task, sample.dt_s
     away_m, away_rad = state.deviation(sample.motion.T_base_tcp, sample)
     speed_m_s = _speeds_along(state, sample, settings, away_m)
     speed_rad_s = _speeds_about(state, sample, settings, away_rad)
-    motion.shift_m = plus(motion.shift_m, rotated(R, speed_m_s), dt_s)
-    motion.turn_rad = plus(motion.turn_rad, rotated(R, speed_rad_s), dt_s)
+    return rotated(R, scaled(speed_m_s, dt_s)), rotated(R, scaled(speed_rad_s, dt_s))
 
 
 def axis_states(task: ForceTask, sample: LawInput, state: ComplianceState) -> tuple[AxisState, ...]:

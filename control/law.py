@@ -79,8 +79,9 @@ class LawMotion:
     approach_m_s: float = 0.0  # present speed of the approach
     shift_m: Vec3 = ZERO3  # wanted in this period, base axes
     turn_rad: Vec3 = ZERO3  # the same: rotation vector
-    speed_m_s: Vec3 = ZERO3  # commanded, without what a turn adds, base axes
-    lever_m: Vector | None = None  # from the TCP to the contact point, base axes; mode both
+    speed_m_s: Vec3 = ZERO3  # commanded by force control, without what a turn adds, base axes
+    # From the TCP to the contact point, base axes, where torque turns a tool that moves.
+    lever_m: Vector | None = None
     follows: bool = False  # tracks a moving surface along the press axis
 
 

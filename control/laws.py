@@ -83,8 +83,8 @@ def advance(
 ) -> tuple[Any, LawMotion]:
     """Advance law and compliant axes by one sample; return the law's state and the command."""
     state, motion = settings.law.step(state, sample, settings.of_law)
-    comply(compliance, sample, motion, settings.compliance)
-    shape(motion, sample, compliance, settings.limits)
+    complied = comply(compliance, sample, settings.compliance)
+    shape(motion, complied, sample, compliance, limits=settings.limits)
     return state, motion
 
 

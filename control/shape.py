@@ -1,10 +1,12 @@
 """Command of a period: the motion that law and compliant axes want, within all limits. Pure.
 
-Nothing before this limits a motion, and what is cut here goes back: the commanded pose is the state
-of the PI law, and virtual masses continue at the speed that was left to them.
+Nothing before this limits a motion. What is cut here goes back: the commanded pose is the state of
+the PI law, and a virtual mass keeps no speed that was not left to it.
 
 The turn comes first. The point of contact then stays where it is for the turn that is left, and on
-a frame with an origin the TCP moves on the arc of that turn.
+a frame with an origin the TCP moves on the arc of that turn. Force control and compliance keep the
+speed limit without what the turn adds, which is the speed of the point of contact, and with it. A
+deviation from the reference is limited last.
 """
 
 from dataclasses import dataclass
@@ -13,21 +15,22 @@ from math import hypot, inf, sqrt
 from common.config.cell import CellConfig
 from common.motion.frames import (
     Array,
+    Speeds,
     cross,
     moved,
     plus,
     rotated,
+    rotated_back,
     scaled,
     speeds_between,
 )
-from control.axis_task import CELLS, AxisLimits, clipped, masked
+from control.axis_task import CELLS, clipped, masked
 from control.compliance import ComplianceState
 from control.law import LawInput, LawMotion, limit_norm
 from forcemesh.messages import ZERO3, Vec3
 
 ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter must not have to limit the command
 NO_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
-AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,7 @@ class MotionLimits:
 
     speed_m_s: float
     speed_rad_s: float
-    accel_m_s2: float = inf
+    accel_m_s2: float = inf  # of force control
 
     @classmethod
     def of(cls, cell: CellConfig, *, predicts: bool) -> "MotionLimits":
@@ -47,34 +50,70 @@ class MotionLimits:
 
 
 def shape(
-    motion: LawMotion, sample: LawInput, compliance: ComplianceState, limits: MotionLimits
+    motion: LawMotion,
+    complied: Speeds,
+    sample: LawInput,
+    compliance: ComplianceState,
+    *,
+    limits: MotionLimits,
 ) -> None:
-    """Set the command of the motion that is wanted, and what is left of it."""
-    task, dt_s, R, T = sample.task, sample.dt_s, sample.R_base_task, sample.motion.T_base_tcp
-    most_m, (along, about) = limits.speed_m_s * dt_s, task.moving
-    turn_rad = masked(motion.turn_rad, about, R, task.speeds[1], share=dt_s)
-    turn_rad = limit_norm(turn_rad, limits.speed_rad_s * dt_s)
+    """Set the command of a period, and what is left of the motion that was wanted.
+
+    Args:
+        motion: Of the law, advanced in place.
+        complied: What the compliant axes want: shift [m] and rotation [rad], base axes.
+        sample: Input of the law.
+        compliance: Its reference and its virtual masses.
+        limits: The cell's.
+    """
+    task, T, (along, about) = sample.task, sample.motion.T_base_tcp, sample.task.moving
+    turn_rad = masked(
+        plus(motion.turn_rad, complied[1]), about, sample.R_base_task, task.speeds[1],
+        share=sample.dt_s,
+    )  # fmt: skip
+    turn_rad = limit_norm(turn_rad, limits.speed_rad_s * sample.dt_s)
     turn_rad = _turn_within_deviation(turn_rad, sample, compliance)
-    shift_m = motion.shift_m
-    if limits.accel_m_s2 < inf:
-        before_m = scaled(masked(sample.motion.speed_m_s, along, R), dt_s)
-        change_m = limit_norm(plus(shift_m, before_m, -1.0), limits.accel_m_s2 * dt_s**2)
-        shift_m = plus(before_m, change_m)
-    by_turn_m = ZERO3  # shift of the TCP
+    own_m = _force_control_m(motion, sample, limits)
+    motion.speed_m_s = scaled(own_m, 1.0 / sample.dt_s)
+    if task.complies:
+        own_m = _within_speeds(plus(own_m, complied[0]), sample, limits)
+    shift_m, by_turn_m = own_m, ZERO3
     if motion.lever_m is not None:
-        turned_rad = masked(turn_rad, task.torque_about, R)
-        by_turn_m = scaled(masked(cross(turned_rad, motion.lever_m), along, R), -1.0)
-        shift_m = plus(shift_m, by_turn_m)
-    shift_m = limit_norm(masked(shift_m, along, R, task.speeds[0], share=dt_s), most_m)
+        turned_rad = masked(turn_rad, task.torque_about, sample.R_base_task)
+        axes = task.compliant[0] if motion.contact == "approach" else along
+        by_turn_m = masked(cross(motion.lever_m, turned_rad), axes, sample.R_base_task)
+        shift_m = _within_speeds(plus(own_m, by_turn_m), sample, limits)
     if task.origin_m is not None:  # far from it a slow turn is a fast travel: both are slowed
-        on_arc_m = plus(shift_m, cross(turn_rad, sample.arm_m))
-        slowed = min(1.0, most_m / max(hypot(*on_arc_m), NO_TRAVEL_M))
-        shift_m, turn_rad = scaled(on_arc_m, slowed), scaled(turn_rad, slowed)
+        shift_m = plus(own_m, cross(turn_rad, sample.arm_m))
+        slowed = min(1.0, limits.speed_m_s * sample.dt_s / max(hypot(*shift_m), NO_TRAVEL_M))
+        shift_m, turn_rad = scaled(shift_m, slowed), scaled(turn_rad, slowed)
         by_turn_m = cross(turn_rad, sample.arm_m)
     shift_m = _shift_within_deviation(shift_m, sample, compliance)
     motion.T_base_tcp = moved(T, (shift_m, turn_rad), 1.0)
-    motion.speed_m_s = scaled(plus(shift_m, by_turn_m, -1.0), 1.0 / dt_s)
-    compliance.keep(motion.speed_m_s, scaled(turn_rad, 1.0 / dt_s), sample)
+    motion.shift_m = motion.turn_rad = ZERO3
+    left_m = plus(shift_m, by_turn_m, -1.0)
+    compliance.keep((own_m, complied[1]), (left_m, turn_rad), sample)
+    compliance.note_limits(motion.T_base_tcp, sample)
+
+
+def _force_control_m(motion: LawMotion, sample: LawInput, limits: MotionLimits) -> Vec3:
+    """Return the shift by force control, base axes; an approach has limits of its own."""
+    shift_m = _within_speeds(motion.shift_m, sample, limits)
+    if limits.accel_m_s2 == inf or motion.contact == "approach":
+        return shift_m
+    before_m_s = masked(sample.motion.speed_m_s, sample.task.force_along, sample.R_base_task)
+    before_m = scaled(before_m_s, sample.dt_s)
+    change_m = plus(shift_m, before_m, -1.0)
+    return plus(before_m, limit_norm(change_m, limits.accel_m_s2 * sample.dt_s**2))
+
+
+def _within_speeds(shift_m: Vec3, sample: LawInput, limits: MotionLimits) -> Vec3:
+    """Return a shift within the speeds of the axes, and of the tool."""
+    task, dt_s = sample.task, sample.dt_s
+    if task.speeds[0] is not None:
+        along = rotated_back(sample.R_base_task, shift_m)
+        shift_m = rotated(sample.R_base_task, clipped(along, task.speeds[0], dt_s))
+    return limit_norm(shift_m, limits.speed_m_s * dt_s)
 
 
 def _turn_within_deviation(turn_rad: Vec3, sample: LawInput, compliance: ComplianceState) -> Vec3:
@@ -82,14 +121,13 @@ def _turn_within_deviation(turn_rad: Vec3, sample: LawInput, compliance: Complia
     limits_rad = sample.task.deviations[1]
     if limits_rad == CELLS:
         return turn_rad
-    T, R = sample.motion.T_base_tcp, sample.R_base_task
+    T = sample.motion.T_base_tcp
     _, away_rad = compliance.deviation(moved(T, (ZERO3, turn_rad), 1.0), sample)
     kept_rad = clipped(away_rad, limits_rad)
-    compliance.at_limit[3:] = at_limits(away_rad, limits_rad)
     if kept_rad == away_rad:
         return turn_rad
-    T_kept = moved(compliance.T_reference, (ZERO3, rotated(R, kept_rad)), 1.0)
-    return speeds_between(T, T_kept, 1.0)[1]
+    turned_rad = rotated(sample.R_base_task, kept_rad)
+    return speeds_between(T, moved(compliance.T_reference, (ZERO3, turned_rad), 1.0), 1.0)[1]
 
 
 def _shift_within_deviation(shift_m: Vec3, sample: LawInput, compliance: ComplianceState) -> Vec3:
@@ -97,17 +135,10 @@ def _shift_within_deviation(shift_m: Vec3, sample: LawInput, compliance: Complia
     limits_m = sample.task.deviations[0]
     if limits_m == CELLS:
         return shift_m
-    T, R = sample.motion.T_base_tcp, sample.R_base_task
+    T = sample.motion.T_base_tcp
     away_m, _ = compliance.deviation(moved(T, (shift_m, ZERO3), 1.0), sample)
-    kept_m = clipped(away_m, limits_m)
-    compliance.at_limit[:3] = at_limits(away_m, limits_m)
-    return plus(shift_m, rotated(R, plus(kept_m, away_m, -1.0)))
-
-
-def at_limits(away: Vec3, limits: AxisLimits) -> list[bool]:
-    """Return for each axis whether it is at the limit of its deviation."""
-    pairs = zip(away, limits, strict=True)
-    return [limit is not None and abs(each) > AT_LIMIT * limit for each, limit in pairs]
+    cut_m = plus(clipped(away_m, limits_m), away_m, -1.0)
+    return plus(shift_m, rotated(sample.R_base_task, cut_m))
 
 
 def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:

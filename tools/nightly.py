@@ -55,7 +55,7 @@ PARTS = {
     "hostile": Part("python -m tests.hostile", 10),
     "chain": Part("python -m bench chain --quick", 5),
     "flips": Part(
-        f"{PYTEST} -n auto -m long tests/contract/test_abuse_reports.py", 40, {"EVERY_FLIP": "1"}
+        f"{PYTEST} -n auto -m long tests/contract/test_abuse_reports.py", 25, {"EVERY_FLIP": "1"}
     ),
     "subscribers": Part(f"{PYTEST} -m cargo tests/contract/test_subscribers.py", 5, {"CI": "1"}),
     "fuzz": Part("python -m tests.fuzz --seconds 60", 10),

@@ -116,7 +116,9 @@ def move(session: ForceSession, sample: LawInput, sensed: Sensed, settings: Peri
                 sample, session.motion, control.limits.speed_m_s * sample.dt_s
             )
             session.compliance.move(travel)
-    elif session.path is not None:  # the pending commands contain path motion
+        return
+    session.compliance.rest()
+    if session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
         T_base_tcp = session.motion.T_base_tcp  # at rest: where the rest began

@@ -4,6 +4,7 @@ from typing import Any
 
 import pinocchio as pin
 
+from common.motion.rate_limiter import REST
 from control.axis_task import mode_task
 from control.compliance import ComplianceState
 from control.gain_rule import tune
@@ -46,5 +47,6 @@ def shaped(
 ) -> LawMotion:
     """Return the motion that a law wants, as it is commanded."""
     T = sample.motion.T_base_tcp
-    shape(motion, sample, state or ComplianceState.at(sample.task, T, T), limits)
+    state = state or ComplianceState.at(sample.task, T, T)
+    shape(motion, REST, sample, state, limits=limits)
     return motion

@@ -249,6 +249,15 @@ def test_a_command_that_cannot_be_sent_ends_the_lease() -> None:
     assert bench.goal == (0, "none", "")
 
 
+def test_a_goal_that_is_sent_in_part_is_braked_although_the_arm_was_held() -> None:
+    """Of a new lease, after a hold: what the driver has sent before its error may move the arm."""
+    bench = Bench()
+    bench.rig.send_hold()
+    bench.rig.advance(0.03)
+    bench.rig.lease, bench.rig.challenge = bench.rig.lease + 1, bench.rig.state.challenge
+    assert bench.after("goal", goal=pose_goal(99, HOME)) == ["brake"]
+
+
 def test_a_fault_of_the_arm_ends_the_lease_and_stands_before_its_end() -> None:
     """The cause is published as long as it lasts."""
     bench = Bench()

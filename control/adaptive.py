@@ -17,7 +17,7 @@ point.
 
 c is scheduled on `rates.robot_hz`: a controller that reports rarely also executes poses rarely,
 each with its own delay, and deviates more from the delay model. The predictor requires that
-commands are executed unchanged, so its motion accelerates and brakes no faster than the arm may.
+commands are executed unchanged, so force control accelerates and brakes no faster than the arm may.
 """
 
 from dataclasses import dataclass, field, replace

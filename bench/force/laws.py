@@ -90,10 +90,6 @@ class LawRunner:
 class GuidingRunner(LawRunner):
     """Hand guiding: three compliant axes, as the regulator runs them."""
 
-    def __init__(self, rig: ForceRig) -> None:
-        """Start at rest; of the law nothing moves the tool."""
-        super().__init__(rig, "plain")
-
     def task(self) -> AxisTask:
         """Return the task of every period."""
         return AxisTask(force_along=NONE, compliant_along=(VirtualMass(),) * 3)
@@ -155,7 +151,7 @@ AnyLaw = LawRunner | Peer
 def runner_of(law: str, rig: ForceRig) -> LawRunner:
     """Return a law of the regulator by its name in the tables."""
     if law == GUIDED:
-        return GuidingRunner(rig)
+        return GuidingRunner(rig, OF_REGULATOR[law])
     return LawRunner(rig, OF_REGULATOR[law], known_gain(rig) if law == TUNED else None)
 
 

@@ -39,14 +39,8 @@ def mode_input(
     return LawInput(force_N, torque_Nm, task, dt_s, gains, motion, T_measured, **others)
 
 
-def shaped(
-    motion: LawMotion,
-    sample: LawInput,
-    limits: MotionLimits = LIMITS,
-    state: ComplianceState | None = None,
-) -> LawMotion:
+def shaped(motion: LawMotion, sample: LawInput, limits: MotionLimits = LIMITS) -> LawMotion:
     """Return the motion that a law wants, as it is commanded."""
     T = sample.motion.T_base_tcp
-    state = state or ComplianceState.at(sample.task, T, T)
-    shape(motion, REST, sample, state, limits=limits)
+    shape(motion, REST, sample, ComplianceState.at(sample.task, T, T), limits=limits)
     return motion

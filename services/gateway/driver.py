@@ -225,7 +225,6 @@ class ControllerDriver(RobotDriver):
         self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int]
     ) -> Trip | None:
         """Start, feed or change force feedback; return why it cannot run."""
-        self._shaper.end()
         running = self._running
         if running is None:
             self._start_feedback(feedback)

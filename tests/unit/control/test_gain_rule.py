@@ -3,7 +3,7 @@
 from math import inf, nextafter, pi
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
@@ -27,6 +27,7 @@ def cell_of(k: float, k_tilt: float, delay_s: float) -> CellConfig:
     [("gentle", 0.2, 0.5 * 0.2 / 0.45), ("normal", 0.45, 0.5), ("stiff", 0.6, 0.5)],
 )
 @given(k=st.floats(1e3, 1e6), k_tilt=st.floats(1.0, 1e4), delay_s=st.floats(0.0, 0.2))
+@example(k=1e3, k_tilt=1.0, delay_s=0.0)  # limited by inertia
 def test_the_gain_rule_is_045_over_k_tau_unless_inertia_limits_the_gain(
     preset: Preset, loop_gain: float, inertia: float, k: float, k_tilt: float, delay_s: float
 ) -> None:

@@ -22,7 +22,7 @@ from control.monitors import (
     kept_over_restart,
     no_waves,
 )
-from forcemesh.messages import Trip
+from forcemesh.messages import Trip, Vec3
 from tests.fakes.law_input import mode_input
 from tests.fakes.monitor_steps import DOWN, monitor_sample, watched
 
@@ -48,14 +48,17 @@ def numbers(trip: Trip | None) -> tuple[str, float | None, float | None] | None:
 
 
 @pytest.mark.parametrize("complies", [False, True])
-@pytest.mark.parametrize("aside", [False, True])
+@pytest.mark.parametrize(
+    ("press_N", "aside"),
+    [((0.0, 0.0, 8.0), False), ((1.0, 0.0, 8.0), False), ((1.2, 0.0, 8.0), True),
+     ((4.0, 0.0, 7.0), True), ((8.0, 0.0, 0.0), True)],
+)  # fmt: skip
 def test_a_first_touch_aside_is_a_fault_of_a_tool_that_only_presses(
-    complies: bool, aside: bool
+    complies: bool, press_N: Vec3, aside: bool
 ) -> None:
-    """A task that presses elsewhere or complies may be touched sideways."""
+    """A task that presses elsewhere, by 8 degrees or more, or complies may be touched sideways."""
     T = pin.SE3(DOWN, np.zeros(3))
     sample = mode_input(setpoint_N=8.0, motion=start_at(T))
-    press_N = (8.0, 0.0, 0.0) if aside else (0.0, 0.0, 8.0)
     shifts = (VirtualMass() if complies else None, None, None)
     task = AxisTask((True,) * 3, force_N=press_N, compliant_along=shifts)
     found = MonitorSample.of(replace(sample, task=task), start_at(T))

@@ -155,6 +155,15 @@ def test_a_virtual_mass_leaves_the_limit_of_its_deviation_at_once() -> None:
     assert not tool.masses.at_limit[0]
 
 
+def test_a_turn_ends_at_the_limit_of_its_deviation() -> None:
+    """In the period that would pass it: nothing is left of the turn, and nothing is beyond."""
+    task = AxisTask(NONE, compliant_about=(VirtualMass(),) * 3, deviations=(CELLS, (1e-4,) * 3))
+    tool = Tool(task)
+    tool.step(torque_Nm=(2.0, 0.0, 0.0))
+    _, away_rad = tool.masses.deviation(tool.motion.T_base_tcp, tool.sample)
+    assert away_rad == pytest.approx((1e-4, 0.0, 0.0), abs=1e-9)
+
+
 @each_law
 def test_a_command_that_the_arbiter_limits_does_not_stop_a_hand(law: str) -> None:
     """The acceleration of force control is limited under a predicting law, not a hand's."""

@@ -303,6 +303,29 @@ def test_an_arm_that_was_moved_is_a_fault_unless_it_was_not_seen(is_lost: bool) 
     assert bench.arm.calls == ([] if is_lost else ["brake"])
 
 
+def test_an_arm_that_a_goal_moves_is_explained_however_long_it_waits() -> None:
+    """It may stand at its start for longer than an arm that nothing moves may take to rest."""
+    bench = Bench()
+    bench.after("goal", goal=pose_goal(1, shifted(HOME, z_m=0.02)))
+    bench.rig.advance(4.0)
+    bench.arm.T = shifted(HOME, z_m=0.02)
+    bench.rig.advance(0.3)
+    assert (bench.rig.state.hold_code, bench.goal) == ("", (1, "running", ""))
+
+
+def test_an_arm_beyond_a_limit_is_braked_by_the_report_that_shows_it() -> None:
+    """Not a period later, with the first state that says so."""
+    bench = Bench()
+    bench.after("setpoint", pose=record_of(HOME))
+    bench.arm.calls.clear()
+    bench.arm.T = shifted(HOME, z_m=5.0)
+    while bench.service.verdict.command is not None:
+        assert bench.arm.calls.count("brake") == 0
+        bench.service.step(bench.rig.clock.now_ns())
+        bench.rig.clock.advance_ns(1_000_000)
+    assert bench.arm.calls[-1] == "brake"
+
+
 def test_reports_above_the_rate_of_the_cell_are_not_published() -> None:
     """All are checked; one within three quarters of a period is left out."""
     bench = Bench()

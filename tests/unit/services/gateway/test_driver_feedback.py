@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from common.motion.limits import LEVER_M
 from controller.packet import PACKET_CHARS, Packet
 from controller.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
-from forcemesh.messages import Feedback, Gains, Vec3
-from services.gateway.driver import CENTRE_STEP_M
+from forcemesh.messages import Feedback, Gains, Vec3, WrenchAtTcp
+from services.gateway.driver import CENTRE_STEP_M, slow_setpoint
 from tests.fakes.gateway_world import FaultyController, GatewayWorld
 
 GAINS = Gains(force_p_m_per_N=(1e-5, 1e-5, 1e-5))
@@ -83,6 +84,19 @@ def test_the_centre_of_rotation_is_updated_in_steps(cell: FeedbackCell) -> None:
     assert len(sent) == PACKET_CHARS
     assert sent[14:41] == b"000001 000300 000000 008000"
     assert cell.commands_after(lever_m=(2.4 * CENTRE_STEP_M, 0.0, 0.0)) == []
+
+
+def test_a_set_point_is_no_farther_from_the_reading_than_its_speed_allows() -> None:
+    """On the line between them, as far as the integral gain moves at the speed; else unchanged."""
+    gains = Gains(force_i_m_per_Ns=(0.001,) * 3, torque_i_rad_per_Nms=(0.1,) * 3)
+    wrench = WrenchAtTcp(force_N=(3.0, -4.0, 0.0), torque_Nm=(0.2, 0.0, 0.0))
+    feedback = Feedback(mode="position", gains=gains, setpoint_force_N=(3.0, -4.0, 8.0))
+    force_N, torque_Nm = slow_setpoint(feedback.replaced(speed_m_s=0.002), wrench)
+    assert force_N == pytest.approx((3.0, -4.0, 2.0))
+    most_Nm = 0.002 / LEVER_M / 0.1
+    assert torque_Nm == pytest.approx((0.2 - most_Nm, 0.0, 0.0))
+    for fast in (feedback, feedback.replaced(speed_m_s=1.0)):
+        assert slow_setpoint(fast, wrench) == (feedback.setpoint_force_N, (0.0, 0.0, 0.0))
 
 
 def test_another_mode_stops_and_restarts_feedback(cell: FeedbackCell) -> None:

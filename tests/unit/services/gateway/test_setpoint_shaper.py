@@ -179,6 +179,13 @@ def test_a_backlog_after_a_stall_is_sent_slowly_and_the_stream_then_continues() 
     assert distance_m(sent[-1][1], shifted(DOWN, x_m=-5e-5 * times_ms[-1])) < 1e-9
 
 
+@pytest.mark.parametrize(("robot_hz", "late_s"), [(125.0, 0.045), (50.0, 0.05), (40.0, 0.0625)])
+def test_a_stall_is_longer_than_the_reports_are_apart(robot_hz: float, late_s: float) -> None:
+    """Two and a half of the periods of a slow controller, or the largest delay of a set point."""
+    slow = load_cell(DEMO_CELL, {"robot.delay_s": 0.0, "rates.robot_hz": robot_hz})
+    assert CatchUp.of(slow).late_s == pytest.approx(late_s)
+
+
 def test_a_pause_within_the_delay_of_the_controller_is_no_stall() -> None:
     """Segments that are slower than the reports are its pace: a set point of 80 ms goes whole."""
     slow = load_cell(DEMO_CELL, {"robot.delay_s": 0.12})

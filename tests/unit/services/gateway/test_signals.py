@@ -11,7 +11,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
 from services.gateway.connection import ControllerConnection
 from services.gateway.packets import SignalReport, parse_report
-from services.gateway.signals import STALE_AFTER_S, ControllerSignals
+from services.gateway.signals import STALE_AFTER_S, ControllerSignals, switch_output
 from tests.fakes.dialogues import KEPT, SCALES, joint_report, last_id, packets, pose_report
 from tests.unit.services.gateway.test_connection import FIT, STALE_S, ConnectionRig
 
@@ -47,6 +47,12 @@ class SignalRig(ConnectionRig):
 def rig() -> SignalRig:
     """A connection with signals."""
     return SignalRig()
+
+
+@pytest.mark.parametrize(("on", "number"), [(True, 9), (False, -9)])
+def test_an_output_is_switched_by_its_number_alone(on: bool, number: int) -> None:
+    """Negative for off; the other numbers of the packet are zero."""
+    assert switch_output(9, on=on).vec == (number, 0, 0, 0, 0, 0)
 
 
 @given(st.data())

@@ -91,14 +91,18 @@ def test_a_payload_of_zeros_is_no_calibration(accept: bool) -> None:
     assert ("forcemesh calibrate" in message.calibration_fault) is not accept
 
 
+def tilted_sensor(o_deg: float) -> FrameSection:
+    """Return the demo's mounting of the sensor, turned about the flange's z axis."""
+    return FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(o_deg, 0.0, 0.0))
+
+
 OTHERS = [
     ({"cell": "other"}, "of cell other"),
     ({"tool": "gripper"}, "of tool 'gripper'"),
     ({"T_flange_tcp": FrameSection(position_m=(0.0, 0.0, 0.165))}, "5.0 mm"),
-    (
-        {"T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(120.0, 0.0, 0.0))},
-        "90.0 degrees",
-    ),
+    ({"T_flange_sensor": tilted_sensor(120.0)}, "90.0 degrees"),
+    ({"T_flange_tcp": FrameSection(position_m=(0.0, 0.0, 0.16013))}, "0.1 mm"),
+    ({"T_flange_sensor": tilted_sensor(30.13)}, "0.1 degrees"),
     ({"payload": ON_A_WALL}, "gravity 90 degrees from gravity_direction_in_base"),
     ({"payload": HEAVY}, "2.00 kg, but contact.inertia_kg is 1.2"),
     ({"verified": None}, "not verified"),
@@ -120,6 +124,13 @@ def test_a_calibration_of_another_setup_is_not_valid(changes: dict[str, Any], re
     assert message.valid
     assert not message.calibrated
     assert reason in message.calibration_fault
+
+
+def test_frames_that_were_typed_again_may_be_rounded() -> None:
+    """Up to 0.1 mm and 0.1 degrees they are those of the calibration."""
+    tcp = FrameSection(position_m=(0.0, 0.0, 0.16007))
+    found = demo_calibration(T_flange_tcp=tcp, T_flange_sensor=tilted_sensor(30.07))
+    assert WrenchBench(with_calibration(found)).settle().calibrated
 
 
 def test_a_calibration_of_another_sensor_is_not_valid(bench: WrenchBench) -> None:

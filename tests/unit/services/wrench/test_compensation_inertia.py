@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from forcemesh import topics
+from forcemesh.messages import ZERO3
 from forcemesh.requests import MoveRequest
 from services.wrench.compensation import AccelerationEstimator, ReportedPosition
 from tests.fakes.bench import CELL
@@ -43,6 +44,20 @@ def test_a_constant_acceleration_is_estimated_at_any_rate_of_the_robot(
     path = [v * t + a * t * t / 2 for t in times]
     found = estimate_of([reading(p, k, at_s=times[k]) for k, p in enumerate(path)])
     assert found == pytest.approx(a, abs=1e-3)
+
+
+def test_without_a_filter_three_reports_are_enough() -> None:
+    """The shortest parabola; a delay of the filter is half of it."""
+    unfiltered = load_cell(DEMO, {"filter.lowpass_s": 0.0, "filter.median": 1})
+    for cell, needed in (
+        (unfiltered, 3),
+        (CELL, 2 * round(CELL.plant.filter_delay_s * CELL.rates.robot_hz) + 1),
+    ):
+        acceleration = AccelerationEstimator(cell)
+        for k in range(needed):
+            assert acceleration.now() == ZERO3
+            acceleration.update(reading(np.array([0.004 * k * k, 0.0, 0.0]), k))
+        assert acceleration.now() != ZERO3
 
 
 def test_a_gap_another_writer_and_silence_restart_the_estimate() -> None:

@@ -117,10 +117,11 @@ def axis_reading(number: int, value: float) -> np.ndarray:
 
 def test_the_reading_limits_of_the_demo_follow_from_its_cell() -> None:
     """1.2 kg at 0.25 m/s stop within 2 ms on 20 N/mm, 0.1 m beyond a TCP 0.14 m away; 2 % more."""
-    assert BOUNDS.range == (500.0, 500.0, 500.0, 20.0, 20.0, 20.0)
-    assert BOUNDS.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
-    assert BOUNDS.step_per_s == pytest.approx([5000.0, 0.24 * 5000.0])
-    assert BOUNDS.frozen_s == 0.08
+    bounds = ReadingLimits.of(CELL)
+    assert bounds.range == (500.0, 500.0, 500.0, 20.0, 20.0, 20.0)
+    assert bounds.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
+    assert bounds.step_per_s == pytest.approx([5000.0, 0.24 * 5000.0])
+    assert bounds.frozen_s == 0.08
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ Axes that are not named are held.
 from collections.abc import Iterable
 from math import degrees, isfinite, radians
 
-from forcemesh.errors import ForcemeshError
+from forcemesh.errors import ForcemeshError, MessageError
 from forcemesh.messages import Mode, PoseRecord, TaskFrame
 from forcemesh.requests import HELD, ForceTask, TaskAxis
 
@@ -79,7 +79,12 @@ def _axis(name: str, text: str) -> TaskAxis:
             raise ForcemeshError(f"axis {name}: {key} needs control compliant")
         field, along, about = COUNTS[key]
         fields[field] = _number(name, key, value) * (about if turns else along)
-    return TaskAxis.from_dict({"control": "force" if control == "torque" else control, **fields})
+    try:
+        return TaskAxis.from_dict(
+            {"control": "force" if control == "torque" else control, **fields}
+        )
+    except MessageError as error:
+        raise ForcemeshError(f"axis {name}: {text!r}: {error}, in SI units") from error
 
 
 def task_text(task: ForceTask) -> str:

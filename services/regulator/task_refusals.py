@@ -12,6 +12,7 @@ from forcemesh.messages import Trip
 from forcemesh.requests import ForceStartRequest, ForceTask, TaskAxis
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
+OWN_LIMITS = ("deadband", "speed_max", "deviation_max")  # of single axes
 BASE_AXIS = 0.999  # least component of an axis along the base axis that it is: 2.5 degrees
 
 
@@ -29,6 +30,8 @@ def task_mistake(task: ForceTask, request: ForceStartRequest) -> str:
         virtual = (axis.mass, axis.damping, axis.stiffness or None)
         if any(part is not None for part in virtual) and axis.control != "compliant":
             return f"axis {name}: mass, damping and stiffness need control compliant"
+        if axis.control == "held" and (limit := _own_limit(axis)):
+            return f"axis {name}: control held has no {limit}: it does not move"
     return ""
 
 
@@ -73,13 +76,17 @@ def beyond_controller(task: ForceTask, R_base_task: Rows) -> str:
         return "frame path: host controller cannot follow a path"
     if task.frame == "pose":
         return "frame pose: host controller turns about the contact, not about the frame"
-    own = ("deadband", "speed_max", "deviation_max")
     for name, axis in zip(AXIS_NAMES, task.axes, strict=True):
         if axis.control == "compliant":
             return f"axis {name}: host controller has no control compliant"
-        if field := next((key for key in own if getattr(axis, key) is not None), ""):
-            return f"axis {name}: host controller has no {field} for single axes"
+        if limit := _own_limit(axis):
+            return f"axis {name}: host controller has no {limit} for single axes"
     return _held_beyond_controller(task, R_base_task)
+
+
+def _own_limit(axis: TaskAxis) -> str:
+    """Return the name of a limit that the axis has of its own, empty without one."""
+    return next((name for name in OWN_LIMITS if getattr(axis, name) is not None), "")
 
 
 def _held_beyond_controller(task: ForceTask, R_base_task: Rows) -> str:

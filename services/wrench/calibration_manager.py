@@ -120,7 +120,7 @@ class CalibrationManager:
             return refused(tripped("payload", text))
         torques = self.in_use.torques_checked or request.torques
         self.in_use = replace(self.in_use, axes_checked=True, torques_checked=torques)
-        text = f"axes and signs are checked with calibration {self.in_use.origin}"
+        text = f"axes and signs are checked with calibration {self.in_use.origin!r}"
         return Reply(accepted=True, text=text)
 
     def _calibrate(self, calibration: ActiveCalibration, now_ns: int) -> None:

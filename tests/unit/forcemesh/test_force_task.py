@@ -61,7 +61,7 @@ def test_lengths_are_millimetres_and_angles_degrees() -> None:
         ("z=force:nan", "axis z: set point must be a number, found 'nan'"),
         ("z=force:1,color=red", "option 'color' must be one of deadband, speed"),
         ("z=force:1,mass=2", "axis z: mass needs control compliant"),
-        ("z=force:1,speed=-2", "must be above 0"),
+        ("z=force:1,speed=-2", "axis z: 'force:1,speed=-2': TaskAxis.speed_max: must be above 0, "),
         ("z=force:1e9", "must be at most 10000"),
     ],
 )

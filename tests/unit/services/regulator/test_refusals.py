@@ -71,6 +71,7 @@ STARTS = [
     (task("x=compliant", "path"), "malformed", "x of frame path"),
     (built(setpoint=2.0), "malformed", "control held has no set point"),
     (built(mass=2.0), "malformed", "mass, damping and stiffness need control compliant"),
+    (task("z=force:5 x=held,deviation=2"), "malformed", "control held has no deviation_max"),
     (task("z=force:39 x=force:39"), "setpoint", "force.setpoint_max_N"),
     (task("rz=torque:9e3"), "setpoint", "torque set point"),
     (task("z=compliant", host="controller"), "host", "axis z: host controller has no control"),

@@ -33,11 +33,10 @@ from control.axis_task import IDENTITY
 from control.delay_model import ContactTravel
 from control.estimates import FitSettings, ResponseShare, Stiffness
 from control.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
-from control.gains import PiGains
 from control.law import LawInput, LawMotion, LawSettings, next_motion, task_deadband
 from control.measured_range import softest_N_m
 from control.surface_tracking import SurfaceTracking
-from forcemesh.messages import Vec3
+from forcemesh.messages import Gains, Vec3
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
@@ -230,7 +229,7 @@ def step(
 
 
 def controller_gain(
-    state: AdaptiveState, gains: PiGains, R_base_task: Rows, settings: AdaptiveSettings
+    state: AdaptiveState, gains: Gains, R_base_task: Rows, settings: AdaptiveSettings
 ) -> Vec3:
     """Return the integral gains of the host controller, base axes [m/(N s)]. Shape (3,).
 

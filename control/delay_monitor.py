@@ -26,7 +26,7 @@ from common.motion.frames import Vector, plus
 from control.delay_model import LoopDelayModel
 from control.estimates import Moments
 from control.gains import SAME_GAIN
-from forcemesh.messages import Gains, Vec3
+from forcemesh.messages import Vec3
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 4.0, 20.0, 0.2  # forgetting of the fit
 NOISE_M = 1e-5  # standard deviation of a reported position
@@ -190,15 +190,6 @@ class DelayMonitor:
             return False
         self.lowered *= HALVED
         return True
-
-
-def scaled_gains(gains: Gains, share: float) -> Gains:
-    """Return the controller's gains times a share; unchanged at share 1."""
-    if share == 1.0:
-        return gains
-    return gains.replaced(
-        **{name: tuple(share * part for part in row) for name, row in gains.as_dict().items()}
-    )
 
 
 def share_to_send(sent: float, share: float) -> float:

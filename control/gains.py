@@ -1,8 +1,7 @@
 """Gains of force feedback: ramped, changed by request, and sent to a controller. Pure."""
 
-from dataclasses import astuple, dataclass
-
 import numpy as np
+from msgspec.structs import astuple
 
 from common.config.cell import CellConfig
 from common.motion.convert import vec3
@@ -17,34 +16,31 @@ HALF = 0.5  # component of an axis along the base axis that it is
 SAME_GAIN = 0.15  # relative change of the controller's gains below which no command is sent
 
 
-@dataclass(frozen=True, slots=True)
-class PiGains:
-    """Gains about the base axes x, y, z."""
+def gains_of(force_p: Vec3, force_i: Vec3, torque_p: Vec3, torque_i: Vec3) -> Gains:
+    """Return gains in the order of the message."""
+    return Gains(
+        force_p_m_per_N=force_p, force_i_m_per_Ns=force_i,
+        torque_p_rad_per_Nm=torque_p, torque_i_rad_per_Nms=torque_i,
+    )  # fmt: skip
 
-    force_p_m_per_N: Vec3
-    force_i_m_per_Ns: Vec3
-    torque_p_rad_per_Nm: Vec3
-    torque_i_rad_per_Nms: Vec3
 
-    @classmethod
-    def of(cls, gains: Gains) -> "PiGains":
-        """Return the gains of a message."""
-        return cls(**gains.as_dict())
+def scaled_gains(gains: Gains, share: float) -> Gains:
+    """Return all gains times a share: the same ones at share 1."""
+    if share == 1.0:
+        return gains
+    return gains_of(*(scaled(row, share) for row in astuple(gains)))
 
-    def times(self, share: float) -> "PiGains":
-        """Return all gains times a share: the same ones at share 1."""
-        if share == 1.0:
-            return self
-        return PiGains(*(scaled(row, share) for row in astuple(self)))
 
-    def ramped(self, goal: "PiGains", dt_s: float) -> "PiGains":
-        """Return gains one period further towards a goal (first-order low-pass)."""
-        share = min(1.0, dt_s / GAIN_RAMP_S)
-        now, then = np.array(astuple(self)), np.array(astuple(goal))
-        is_near = np.abs(then - now) <= 1e-3 * np.abs(then)
-        if is_near.all():
-            return goal
-        return PiGains(*map(vec3, np.where(is_near, then, now + share * (then - now))))
+def ramped_gains(gains: Gains, goal: Gains, dt_s: float) -> Gains:
+    """Return gains one period further towards a goal (first-order low-pass)."""
+    if gains is goal:
+        return goal
+    share = min(1.0, dt_s / GAIN_RAMP_S)
+    now, then = np.array(astuple(gains)), np.array(astuple(goal))
+    is_near = np.abs(then - now) <= 1e-3 * np.abs(then)
+    if is_near.all():
+        return goal
+    return gains_of(*map(vec3, np.where(is_near, then, now + share * (then - now))))
 
 
 def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:

@@ -34,8 +34,7 @@ from common.motion.frames import (
     speeds_between,
 )
 from control.axis_task import CELLS, AxisLimits, AxisTask, masked
-from control.gains import PiGains
-from forcemesh.messages import ZERO3, Vec3
+from forcemesh.messages import ZERO3, Gains, Vec3
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
@@ -93,7 +92,7 @@ class LawInput:
     torque_Nm: Vec3  # about the TCP, base axes
     task: AxisTask  # task frame, controlled axes and set points
     dt_s: float  # since the last sample
-    gains: PiGains
+    gains: Gains
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
     pose_is_new: bool = True  # the robot has reported a pose since the last sample

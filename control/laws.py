@@ -17,12 +17,11 @@ from common.motion.frames import Rows, Vector
 from control import adaptive
 from control.adaptive import AdaptiveSettings, ContactStiffness
 from control.compliance import ComplianceSettings, ComplianceState, comply
-from control.gains import PiGains
 from control.law import LawInput, LawMotion, LawSettings, next_motion
 from control.measured_range import restriction, softest_N_m
 from control.shape import MotionLimits, shape
 from forcemesh.errors import ConfigError
-from forcemesh.messages import Vec3
+from forcemesh.messages import Gains, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,7 @@ class Law:
     # Stiffness of the present contact, kept for a start in place.
     identified: Callable[[Any, Any], ContactStiffness | None] = lambda _, __: None
     # Integral gains of the host controller, base axes; None: those requested.
-    controller_gain: Callable[[Any, PiGains, Rows, Any], Vec3 | None] = lambda *_: None
+    controller_gain: Callable[[Any, Gains, Rows, Any], Vec3 | None] = lambda *_: None
 
 
 LAWS: dict[str, Law] = {

@@ -20,10 +20,9 @@ from common.motion.frames import Array
 from control.axis_task import NONE, AxisTask, VirtualMass, mode_task
 from control.compliance import ComplianceState
 from control.gain_rule import rule_gain, tune
-from control.gains import PiGains
 from control.law import LawInput, LawMotion, back_calculate, start_at
 from control.laws import LAWS, ControlSettings, advance
-from forcemesh.messages import Mode
+from forcemesh.messages import Gains, Mode
 
 HOLD_N = 10.0
 KEPT_SPEED = 0.9  # of FDCC's virtual mass at each step
@@ -44,7 +43,7 @@ class LawRunner:
         self, rig: ForceRig, law: str, gain_m_per_Ns: float | None = None, gain_p_m_N: float = 0.0
     ) -> None:
         """Start at rest, with the rule's gains or one tuned by hand."""
-        self._law, gains = LAWS[law], PiGains.of(tune(rig.cell).gains)
+        self._law, gains = LAWS[law], tune(rig.cell).gains
         if gain_m_per_Ns is not None:
             force_i, force_p = (gain_m_per_Ns,) * 3, (gain_p_m_N,) * 3
             gains = replace(gains, force_i_m_per_Ns=force_i, force_p_m_per_N=force_p)
@@ -95,7 +94,7 @@ class GuidingRunner(LawRunner):
         return AxisTask(force_along=NONE, compliant_along=(VirtualMass(),) * 3)
 
 
-def law_input(sample: LawSample, task: AxisTask, gains: PiGains, motion: LawMotion) -> LawInput:
+def law_input(sample: LawSample, task: AxisTask, gains: Gains, motion: LawMotion) -> LawInput:
     """Return the input of a law of the regulator."""
     force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
     return LawInput(force_N, torque_Nm, task, sample.dt_s, gains, motion, sample.T_base_tcp)

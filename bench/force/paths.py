@@ -29,7 +29,6 @@ from bench.results import Row
 from common.motion.convert import vec3
 from control.axis_task import mode_task
 from control.gain_rule import tune
-from control.gains import PiGains
 from control.law import LawMotion, back_calculate, start_at
 from control.path_curve import PathCurve
 from control.path_follower import PathFollower
@@ -46,7 +45,7 @@ PROMISED: Row = {"law": ADAPTIVE, "speed_mm_s": 20.0, "stiffness_N_m": 2e4, "loo
 MEAN_N, WORST_SHARE = 0.3, 2.0  # promised there
 REACHED_S, LONGEST_S, COUNTED_FROM_S = 2.0, 25.0, 1.0
 MOST_M_S = 0.15  # of force control and path together
-NO_GAINS = PiGains.of(tune(SceneSettings().cell()).gains)  # the path uses none
+NO_GAINS = tune(SceneSettings().cell()).gains  # the path uses none
 PRESS_ONLY = (False, False, True, False, False, False)
 MEASURES = ("mean_error_N", "worst_press_share", "missed_mm", "aside_mm")
 

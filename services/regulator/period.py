@@ -14,7 +14,7 @@ from common.motion.frames import dot, product, rotated, scaled
 from control.axis_task import IDENTITY, AxisTask
 from control.compliance import axis_states
 from control.delay_monitor import DelayMonitorSettings, share_to_send
-from control.gains import PiGains, gains_to_send
+from control.gains import gains_to_send, ramped_gains, scaled_gains
 from control.law import LawInput, back_calculate
 from control.laws import LAWS, ControlSettings, advance
 from control.monitors import MonitorSample, MonitorSettings, monitor, no_waves
@@ -34,13 +34,6 @@ class Sensed(NamedTuple):
     time: SampleTime
     command: PoseRecord  # of the flange: released by the arbiter
     is_limited: bool  # the arbiter has changed what was proposed
-
-
-class RequestedGains(NamedTuple):
-    """Gains as requested, and as the law uses them."""
-
-    gains: Gains
-    pi: PiGains
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,20 +61,19 @@ class PeriodSettings:
 
 
 def step(
-    session: ForceSession, sensed: Sensed, requested: RequestedGains, settings: PeriodSettings
+    session: ForceSession, sensed: Sensed, requested: Gains, settings: PeriodSettings
 ) -> Trip | None:
     """Advance a session by one sample; return the trip of the first monitor that fired."""
     before, time, request = session.motion, sensed.time, session.request
     if sensed.is_limited:  # anti-windup
         before = back_calculate(before, pose_of(sensed.command) * settings.T_flange_tcp)
-    session.task = ramped_task(session, time.dt_s, requested.gains, settings)
-    if session.gains is not requested.pi:
-        session.gains = session.gains.ramped(requested.pi, time.dt_s)
+    session.task = ramped_task(session, time.dt_s, requested, settings)
+    session.gains = ramped_gains(session.gains, requested, time.dt_s)
     share = borne_share(session, sensed, settings.delay)
-    wrench = sensed.wrench
+    gains, wrench = scaled_gains(session.gains, share), sensed.wrench
     sample = LawInput(
-        wrench.force_N, wrench.torque_Nm, session.task, time.dt_s, session.gains.times(share),
-        before, sensed.T_measured, time.pose_is_new, share,
+        wrench.force_N, wrench.torque_Nm, session.task, time.dt_s, gains, before,
+        sensed.T_measured, time.pose_is_new, share,
     )  # fmt: skip
     move(session, sample, sensed, settings)
     if request.task is not None:
@@ -175,15 +167,10 @@ def borne_share(session: ForceSession, sensed: Sensed, settings: DelayMonitorSet
 
 
 def _update_sent(
-    session: ForceSession,
-    sample: LawInput,
-    requested: RequestedGains,
-    settings: PeriodSettings,
+    session: ForceSession, sample: LawInput, requested: Gains, settings: PeriodSettings
 ) -> None:
     """Update the gains that the controller's own loop gets."""
     control = settings.laws[session.law]
-    Ki = control.law.controller_gain(
-        session.state, requested.pi, sample.R_base_task, control.of_law
-    )
-    session.sent = None if Ki is None else gains_to_send(session.sent, requested.gains, Ki)
+    Ki = control.law.controller_gain(session.state, requested, sample.R_base_task, control.of_law)
+    session.sent = None if Ki is None else gains_to_send(session.sent, requested, Ki)
     session.sent_share = share_to_send(session.sent_share, session.delay.share)

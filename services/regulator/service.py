@@ -20,7 +20,7 @@ from control.delay_monitor import (
     DelayMonitor,
 )
 from control.gain_rule import instability, tune
-from control.gains import PiGains, merged_gains
+from control.gains import merged_gains
 from control.law import start_at
 from control.laws import LAWS, refuse_unknown_law
 from control.monitors import (
@@ -35,7 +35,6 @@ from forcemesh.faults import refused, tripped
 from forcemesh.messages import (
     OPERATIONAL,
     ContactEvent,
-    Gains,
     RegulatorTarget,
     RobotState,
     Trip,
@@ -45,7 +44,7 @@ from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest, Rep
 from services.regulator import period
 from services.regulator.contact_events import ContactTracker
 from services.regulator.path_request import next_path, path_poses, turn_limits
-from services.regulator.period import PeriodSettings, RequestedGains, Sensed
+from services.regulator.period import PeriodSettings, Sensed
 from services.regulator.refusals import (
     refused_axes,
     refused_gains,
@@ -99,7 +98,7 @@ class Regulator:
         self._settings = PeriodSettings.of(cell)
         self._last_delay: DelayMonitor | None = None  # of the last session
         self._contact: ContactStiffness | None = None  # identified by the last session
-        self._use_gains(tune(cell).gains)
+        self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
         self._space = JointSpace.of(cell)
@@ -156,7 +155,7 @@ class Regulator:
             stop.reply(STOPPED_REPLY)
         for change in self._gain_requests.take_all():
             reply = self._owned(change, self._change_gains, is_free=not change.request.changes)
-            change.reply(reply.replaced(gains=self._gains.gains))
+            change.reply(reply.replaced(gains=self._gains))
         for _ in range(self._path_parts):
             if not next(self._path_work):
                 break
@@ -194,7 +193,7 @@ class Regulator:
                 return self._fail(session, trip.code, trip.text)
         self.fault = ""
         tau_s = self._settings.delay.tau_s
-        return valid_target(session, self._gains.gains, self._T_tcp_flange, tau_s)
+        return valid_target(session, self._gains, self._T_tcp_flange, tau_s)
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
@@ -243,14 +242,11 @@ class Regulator:
         return reply
 
     def _change_gains(self, request: GainsRequest) -> Reply:
-        gains = merged_gains(self._gains.gains, request, self._cell)
+        gains = merged_gains(self._gains, request, self._cell)
         if (trip := refused_gains(request, gains, self._cell)) is not None:
             return refused(trip)
-        self._use_gains(gains)
+        self._gains = gains
         return Reply(accepted=True, text=instability(self._cell, gains))
-
-    def _use_gains(self, gains: Gains) -> None:
-        self._gains = RequestedGains(gains, PiGains.of(gains))
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:
@@ -281,7 +277,7 @@ class Regulator:
         if trip is not None:
             return refused(trip)
         if request.preset is not None:
-            self._use_gains(tune(cell, request.preset).gains)
+            self._gains = tune(cell, request.preset).gains
         law = requested if LAWS[requested].covers(cell) else "plain"
         first = first_setpoint(goal, fresh.force_N, fresh.torque_Nm, T_measured)
         session = self._session
@@ -292,7 +288,7 @@ class Regulator:
                 arbiter.lease,
                 goal,
                 first,
-                self._gains.pi,
+                self._gains,
                 start_at(T_measured),
                 self._begin(law, goal, T_measured, T_measured),
                 monitored=MonitorState(),

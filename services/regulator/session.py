@@ -9,8 +9,8 @@ from common.motion.convert import record_of
 from common.motion.frames import rotated, rotated_back, scaled
 from control.axis_task import AxisTask
 from control.compliance import ComplianceState
-from control.delay_monitor import DelayMonitor, scaled_gains
-from control.gains import PiGains, held_gains
+from control.delay_monitor import DelayMonitor
+from control.gains import held_gains, scaled_gains
 from control.law import LawMotion
 from control.monitors import MonitorState, kept_over_restart
 from control.path_follower import PathFollower, component_across
@@ -56,7 +56,7 @@ class ForceSession:
     lease: int  # under which it was started
     goal: AxisTask  # with the requested set points
     task: AxisTask  # with the ramped ones
-    gains: PiGains  # ramped
+    gains: Gains  # ramped
     motion: LawMotion
     state: Any  # of the law
     monitored: MonitorState

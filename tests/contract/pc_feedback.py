@@ -6,7 +6,6 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import record_of
-from control.gains import PiGains
 from control.law import LawSettings, next_motion, start_at
 from control.shape import MotionLimits
 from forcemesh.clock import NS_PER_S
@@ -32,7 +31,7 @@ class PcFeedback:
 
     def use(self, gains: Gains) -> None:
         """Change the gains."""
-        self._gains = PiGains.of(gains)
+        self._gains = gains
 
     def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
         """Return the set point of the next sample."""

@@ -8,14 +8,13 @@ from common.motion.rate_limiter import REST
 from control.axis_task import mode_task
 from control.compliance import ComplianceState
 from control.gain_rule import tune
-from control.gains import PiGains
 from control.law import LawInput, LawMotion, start_at
 from control.shape import MotionLimits, shape
-from forcemesh.messages import ZERO3, Mode, Vec3
+from forcemesh.messages import ZERO3, Gains, Mode, Vec3
 from tests.fakes.arbiter_world import CELL, T_START
 
 DT_S = 0.004
-GAINS = PiGains.of(tune(CELL).gains)
+GAINS = tune(CELL).gains
 START = T_START * CELL.tool.T_flange_tcp.pose  # of the TCP: the tool points down
 LIMITS = MotionLimits.of(CELL, predicts=False)
 
@@ -26,7 +25,7 @@ def mode_input(
     setpoint_N: float = 0.0,
     mode: Mode = "position",
     dt_s: float = DT_S,
-    gains: PiGains = GAINS,
+    gains: Gains = GAINS,
     motion: LawMotion | None = None,
     T_measured: pin.SE3 | None = None,
     **others: Any,

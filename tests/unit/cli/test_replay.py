@@ -15,7 +15,7 @@ from cli.replay_service import replayed
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.runtime.service import HealthReporter, Runner
-from control.gains import PiGains
+from control.gains import scaled_gains
 from forcemesh import topics
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
@@ -24,7 +24,7 @@ from forcemesh.requests import ArmRequest, Empty, HoldRequest
 from forcemesh.topics import SERVED
 from services.arbiter.service import ArbiterService
 from services.recorder.reading import RecordedBytes, RecordedFile, play
-from services.regulator.service import Regulator
+from services.regulator import period
 from tests.fakes.recorded_cell import PRESS, Job, RecordedCell, recorded
 from tests.fakes.verb_calls import run
 
@@ -213,15 +213,7 @@ def test_a_changed_gain_is_shown_and_ends_the_verb_with_an_error(
     whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Topic, time, field, recorded and present value of the first differences; exit code 1."""
-    use_gains = Regulator._use_gains
-
-    def stiffer(self: Regulator, gains: Any) -> None:
-        use_gains(self, gains)
-        more = tuple(1.001 * value for value in gains.force_i_m_per_Ns)
-        pi = PiGains.of(gains.replaced(force_i_m_per_Ns=more))
-        self._gains = self._gains._replace(pi=pi)
-
-    monkeypatch.setattr(Regulator, "_use_gains", stiffer)
+    monkeypatch.setattr(period, "ramped_gains", lambda _, goal, __: scaled_gains(goal, 1.001))
     done = run("replay", whole, "--to-service", "cell")
     assert done.exit_code == 1
     assert "pose.position_m.2: differs by at most" in done.stdout

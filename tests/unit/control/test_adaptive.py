@@ -32,7 +32,6 @@ from control.estimates import (
     Stiffness,
 )
 from control.gain_rule import LOOP_GAIN, tune
-from control.gains import PiGains
 from control.law import LawMotion, start_at
 from control.shape import MotionLimits
 from tests.fakes.bench import CELL, DEMO
@@ -135,7 +134,7 @@ def test_the_controllers_gain_below_the_measured_stiffness_is_the_plain_laws(k_N
     """A loop over TCP: an estimate that is too soft must not make the controller fast."""
     tcp = load_cell(DEMO.with_name("demo-tcp.yaml"))
     chosen = AdaptiveSettings.of(tcp)
-    state, gains = begin(START, START, (k_N_m,) * 3, chosen), PiGains.of(tune(tcp).gains)
+    state, gains = begin(START, START, (k_N_m,) * 3, chosen), tune(tcp).gains
     largest = max(controller_gain(state, gains, IDENTITY, chosen))
     if k_N_m < chosen.softest_N_m:
         assert largest == pytest.approx(chosen.plain_gain_m_per_Ns)

@@ -18,7 +18,7 @@ from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_fro
 from control import adaptive
 from control.adaptive import AdaptiveSettings
 from control.gain_rule import tune
-from control.gains import PiGains
+from control.gains import gains_of
 from control.law import (
     LawInput,
     LawMotion,
@@ -28,7 +28,7 @@ from control.law import (
     start_at,
 )
 from control.shape import MotionLimits
-from forcemesh.messages import ZERO3
+from forcemesh.messages import ZERO3, Gains
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.law_input import DT_S, GAINS, LIMITS, START, mode_input, shaped
 
@@ -36,14 +36,14 @@ MODES = ("position", "orientation", "both")
 SETTINGS = LawSettings.of(CELL)
 NO_BAND = replace(SETTINGS, deadband_N=0.0, deadband_Nm=0.0)
 NO_LIMITS = MotionLimits(1e3, 1e3)
-WITH_P = PiGains(*[(gain,) * 3 for gain in (2e-5, 1e-3, 1e-2, 0.5)])
+WITH_P = gains_of(*[(gain,) * 3 for gain in (2e-5, 1e-3, 1e-2, 0.5)])
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-100.0, 100.0))
 torques = hnp.arrays(float, 3, elements=st.floats(-10.0, 10.0))
 turns = hnp.arrays(float, 3, elements=st.floats(-1.8, 1.8))
 modes = st.sampled_from(MODES)
 gains = st.builds(
-    PiGains, *[st.tuples(*[st.floats(0.0, top)] * 3) for top in (1e-3, 0.1, 1.0, 40.0)]
+    gains_of, *[st.tuples(*[st.floats(0.0, top)] * 3) for top in (1e-3, 0.1, 1.0, 40.0)]
 )
 each_mode = pytest.mark.parametrize("mode", MODES)
 
@@ -54,13 +54,13 @@ def sample(force_N: Any = (0, 0, 0), torque_Nm: Any = (0, 0, 0), **changes: Any)
     return mode_input(vec3(force), vec3(torque), **changes)
 
 
-def step(before: LawMotion, item: LawInput, law_gains: PiGains, settings: LawSettings) -> LawMotion:
+def step(before: LawMotion, item: LawInput, law_gains: Gains, settings: LawSettings) -> LawMotion:
     """Return the motion after one sample."""
     now = replace(item, motion=before, gains=law_gains)
     return shaped(next_motion(now, settings), now, LIMITS if settings is SETTINGS else NO_LIMITS)
 
 
-def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> list[LawMotion]:
+def run(samples: list[LawInput], law_gains: Gains, settings: LawSettings) -> list[LawMotion]:
     """Step through samples from the start; return all states with the first one."""
     states = [start_at(START)]
     for item in samples:
@@ -210,7 +210,7 @@ def test_turning_keeps_the_point_of_contact(r, force_N, free_Nm) -> None:
     lever = r - force_N * (r @ force_N) / (force_N @ force_N)  # to the force's line of action
     torque_Nm = np.cross(lever, force_N)
     assume(np.linalg.norm(torque_Nm) > 0.05)
-    still = replace(GAINS, force_i_m_per_Ns=ZERO3)
+    still = GAINS.replaced(force_i_m_per_Ns=ZERO3)
     before, after = run([sample(force_N, torque_Nm, mode="both")], still, NO_BAND)
     w, s = turn_rad(before, after), shift_m(before, after)
 
@@ -225,7 +225,7 @@ def test_a_lever_below_the_noise_is_not_fed_forward(force_N: float, lever_m: flo
     """There is no lever below the touch force and never more than 0.1 m: it turns about the TCP."""
     item = sample((0, 0, force_N * SETTINGS.touch_N), mode="both")
     item = replace(item, torque_Nm=(lever_m * item.force_N[2], 0.0, 0.0))
-    before, after = run([item], replace(GAINS, force_i_m_per_Ns=ZERO3), NO_BAND)
+    before, after = run([item], GAINS.replaced(force_i_m_per_Ns=ZERO3), NO_BAND)
     lever = np.cross(turn_rad(before, after), [0.0, min(lever_m, 0.1), 0.0])
 
     assert shift_m(before, after) == pytest.approx(-lever * (force_N > 1.0), abs=1e-9)
@@ -251,7 +251,7 @@ def packets(cell: CellConfig, law: str, k_N_m: float, centre_m: np.ndarray) -> n
 
     The spring's rest, at which the force is zero, is anywhere between the packet's positions.
     """
-    gains, dt_s = PiGains.of(tune(cell).gains), 1.0 / cell.rates.control_hz
+    gains, dt_s = tune(cell).gains, 1.0 / cell.rates.control_hz
     start = pin.SE3(AXES, centre_m + np.array([2e-4, -1e-4, -20.0 / k_N_m]))
     motion, settings_of = start_at(start), AdaptiveSettings.of(cell)
     sent: list[np.ndarray] = []

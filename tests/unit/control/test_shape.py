@@ -1,7 +1,5 @@
 """Limits of the command of a period: speeds of tool, axes and contact; what goes back."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -114,7 +112,7 @@ def test_a_turn_adds_no_speed_to_an_approach(law: str) -> None:
 def test_the_point_of_contact_keeps_the_speed_limit() -> None:
     """The compensation of a turn is not speed that force control may add to its own."""
     tool, r_m = Tool(AxisTask(ALL, ALL)), np.array([0.0, 0.1, 0.0])
-    tool.gains = replace(GAINS, force_i_m_per_Ns=(0.01,) * 3)
+    tool.gains = GAINS.replaced(force_i_m_per_Ns=(0.01,) * 3)
     tool.step((30.0, 0.0, 0.0), tuple(np.cross(r_m, [30.0, 0.0, 0.0])))
     assert np.linalg.norm(tool.w) > 0.1
     assert np.linalg.norm(tool.v + np.cross(tool.w, r_m)) <= LIMITS.speed_m_s * EASE

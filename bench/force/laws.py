@@ -46,7 +46,7 @@ class LawRunner:
         self._law, gains = LAWS[law], tune(rig.cell).gains
         if gain_m_per_Ns is not None:
             force_i, force_p = (gain_m_per_Ns,) * 3, (gain_p_m_N,) * 3
-            gains = replace(gains, force_i_m_per_Ns=force_i, force_p_m_per_N=force_p)
+            gains = gains.replaced(force_i_m_per_Ns=force_i, force_p_m_per_N=force_p)
         self._settings, self._gains = ControlSettings.of(rig.cell, self._law), gains
         self.mode: Mode = "position"
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)

@@ -32,7 +32,7 @@ def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
 
     def nearly(sample, settings):
         more = tuple(gain * (1.0 + 1e-6) for gain in sample.gains.force_i_m_per_Ns)
-        gains = dataclasses.replace(sample.gains, force_i_m_per_Ns=more)
+        gains = sample.gains.replaced(force_i_m_per_Ns=more)
         return well(dataclasses.replace(sample, gains=gains), settings)
 
     monkeypatch.setattr("control.laws.next_motion", nearly)

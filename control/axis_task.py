@@ -160,6 +160,8 @@ def masked(
     """
     if all(flags) and limits is None:
         return vector
+    if not any(flags):
+        return ZERO3
     x, y, z = product(rotated_back(R_base_task, vector), flags)
     if limits is not None:
         x, y, z = clipped((x, y, z), limits, share)

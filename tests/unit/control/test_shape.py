@@ -65,22 +65,23 @@ class Tool:
 forces = st.tuples(*[st.floats(-60.0, 60.0)] * 3)
 torques = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 own_speeds = st.none() | st.tuples(*[st.none() | st.floats(0.001, 0.04)] * 3)
+own_turns = st.none() | st.tuples(*[st.none() | st.floats(0.01, 0.4)] * 3)
 axis_uses = st.tuples(*[st.sampled_from(["held", "force", "compliant"])] * 6)
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    axis_uses, own_speeds, st.sampled_from([*LAWS]),
+    axis_uses, own_speeds, own_turns, st.sampled_from([*LAWS]),
     st.lists(st.tuples(forces, torques), min_size=5, max_size=25),
     st.none() | st.tuples(*[st.floats(-0.3, 0.3)] * 3), st.floats(0.0, 30.0),
 )  # fmt: skip
-def test_no_task_moves_faster_than_its_limits(uses, own, law, loads, offset_m, press_N) -> None:
+def test_no_task_moves_faster_than_its_limits(uses, own, turns, law, loads, offset_m, press_N):
     """Tool, each of its axes, and each virtual mass, for any loads; held axes do not move."""
     mass = [VirtualMass() if use == "compliant" else None for use in uses]
     force = tuple(use == "force" for use in uses)
     origin_m = None if offset_m is None else tuple(START.translation + np.array(offset_m))
     task = AxisTask(
-        force[:3], force[3:], force_N=(0.0, 0.0, press_N * force[2]), speeds=(own, None),
+        force[:3], force[3:], force_N=(0.0, 0.0, press_N * force[2]), speeds=(own, turns),
         compliant_along=tuple(mass[:3]), compliant_about=tuple(mass[3:]), origin_m=origin_m,
     )  # fmt: skip
     tool = Tool(task, law)
@@ -93,7 +94,8 @@ def test_no_task_moves_faster_than_its_limits(uses, own, law, loads, offset_m, p
             assert abs(tool.masses.speed_m_s[k]) <= most_m_s * EASE
             if origin_m is None:
                 assert abs(tool.v[k]) <= (0.0 if uses[k] == "held" else most_m_s) * EASE + 1e-9
-            assert uses[3 + k] != "held" or abs(tool.w[k]) <= 0.02
+            most_rad_s = LIMITS.speed_rad_s if turns is None or turns[k] is None else turns[k]
+            assert abs(tool.w[k]) <= (0.0 if uses[3 + k] == "held" else most_rad_s) * EASE + 1e-9
 
 
 @each_law

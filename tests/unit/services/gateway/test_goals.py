@@ -37,6 +37,15 @@ def after(measured: ControllerReport, *, times: int = 2, period_ns: int = S // 1
     return track
 
 
+def test_a_joint_move_is_done_at_its_joints_whatever_else_it_says() -> None:
+    """The kind decides which target counts."""
+    move = Goal(id=3, kind="joints", pose=record_of(START), joint_rad=ZERO)
+    track = goals.sent(move, PACKET, ZERO, 0)
+    for number in range(2):
+        track = goals.follow(track, replace(report(END, STILL), counter=number), number)
+    assert track.state == "done"
+
+
 STILL = Status(0)
 
 

@@ -12,7 +12,7 @@ from common.runtime.service import HasNumbers
 from forcemesh import topics
 from forcemesh.messages import RegulatorTarget, RobotStatus
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
-from services.wrench.active_calibration import initial_calibration
+from services.wrench.active_calibration import HEAVIER, initial_calibration
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.common.config.test_calibration import NOTHING_LEFT, calibration
 
@@ -114,7 +114,8 @@ OTHERS = [
 def test_a_heavier_tool_than_the_gains_are_bounded_for_is_not_calibrated() -> None:
     """The loop would oscillate on a soft contact; a deviation up to a tenth is accepted."""
     assert not WrenchBench(with_calibration(None, mass_kg=2.0)).settle().calibrated
-    assert WrenchBench(with_calibration(None, mass_kg=1.3)).settle().calibrated
+    heaviest_kg = HEAVIER * IDEAL.contact.inertia_kg
+    assert WrenchBench(with_calibration(None, mass_kg=heaviest_kg)).settle().calibrated
 
 
 @pytest.mark.parametrize(("changes", "reason"), OTHERS)

@@ -20,7 +20,7 @@ from forcemesh import topics
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import LocalProtocolError
 from forcemesh.faults import tripped
-from forcemesh.messages import GoalState, RobotSignals, Trip
+from forcemesh.messages import Feedback, Gains, GoalState, RobotSignals, Trip
 from tests.contract.rig import DEMO_CELL, Rig, goal, pose_goal, shifted
 
 LAMP: dict[str, Any] = {"output": 1, "set_by": ["operator"], "while_held": True}
@@ -222,6 +222,17 @@ def test_a_goal_that_waits_is_withdrawn_without_a_brake() -> None:
     assert bench.after("goal", goal=pose_goal(2, HOME)) == [("goal", 2)]
     assert bench.after("goal", goal=pose_goal(3, HOME)) == ["brake"]
     assert bench.goal == (3, "refused", "another goal was in progress; it is braked")
+
+
+def test_force_feedback_withdraws_a_goal_that_runs() -> None:
+    """It is braked before the controller's loop gets the arm."""
+    bench = Bench()
+    bench.rig.feedback_host = "controller"
+    bench.rig.push(force_N=(0.0, 0.0, 1.0))
+    assert bench.after("goal", goal=pose_goal(1, HOME)) == [("goal", 1)]
+    feedback = Feedback(mode="position", gains=Gains())
+    assert bench.after("feedback", host="controller", feedback=feedback)[0] == "brake"
+    assert bench.goal == (1, "refused", "the arbiter withdrew the goal")
 
 
 def test_the_end_of_a_goal_is_the_drivers() -> None:

@@ -403,6 +403,13 @@ def test_the_preflight_compares_measured_values(role: str, numbers: dict, code: 
         assert "8.1 h old" in " ".join(world.core.status().not_ready)
 
 
+def test_noise_of_the_monitor_speed_is_no_change() -> None:
+    """The pendant sets whole percent."""
+    world = measured(World(), monitor_speed_fraction=1.0).make_active("regulator")
+    measured(world, monitor_speed_fraction=0.996)
+    assert world.tick().permission is not None
+
+
 @pytest.mark.parametrize("to", [0.5, 0.98, 0.0])
 def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
     """Up or down: the status has both values."""

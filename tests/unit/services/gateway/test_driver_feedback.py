@@ -86,6 +86,28 @@ def test_the_centre_of_rotation_is_updated_in_steps(cell: FeedbackCell) -> None:
     assert cell.commands_after(lever_m=(2.4 * CENTRE_STEP_M, 0.0, 0.0)) == []
 
 
+def test_feedback_explains_motion_from_its_start_on() -> None:
+    """An arm that moves without is a fault."""
+    world = GatewayWorld()
+    driver = world.gateway.driver
+    assert not driver.explains_motion
+    world.lease += 1
+    world.send(world.permitted("feedback", feedback=Feedback(mode="position", gains=GAINS)))
+    world.live()
+    assert driver.explains_motion
+
+
+def test_a_wrench_for_a_display_is_sent_at_the_rate_of_a_status() -> None:
+    """While armed; every other one is left out."""
+    world = GatewayWorld()
+    world.gateway.driver._shows_wrench = True
+    world.lease += 1
+    for _ in range(200):
+        world.send(world.permitted("idle"))
+        world.live(5)
+    assert len(world.controller.wrenches) == pytest.approx(2.0 * world.cell.rates.status_hz, abs=3)
+
+
 def test_a_set_point_is_no_farther_from_the_reading_than_its_speed_allows() -> None:
     """On the line between them, as far as the integral gain moves at the speed; else unchanged."""
     gains = Gains(force_i_m_per_Ns=(0.001,) * 3, torque_i_rad_per_Nms=(0.1,) * 3)

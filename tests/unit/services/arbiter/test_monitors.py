@@ -410,7 +410,7 @@ def test_noise_of_the_monitor_speed_is_no_change() -> None:
     assert world.tick().permission is not None
 
 
-@pytest.mark.parametrize("to", [0.5, 0.98, 0.0])
+@pytest.mark.parametrize("to", [0.5, 0.993, 0.0])
 def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
     """Up or down: the status has both values."""
     world = measured(World(), monitor_speed_fraction=1.0).make_active("regulator")

@@ -37,6 +37,13 @@ def after(measured: ControllerReport, *, times: int = 2, period_ns: int = S // 1
     return track
 
 
+@pytest.mark.parametrize("status", [Status(0), Status.TARGET_REFUSED, Status.HELD])
+def test_one_report_decides_nothing(status: Status) -> None:
+    """ID and status of a report are not of one instant."""
+    assert after(report(END, status), times=1).state == "running"
+    assert after(report(END, status), times=2).state != "running"
+
+
 def test_a_joint_move_is_done_at_its_joints_whatever_else_it_says() -> None:
     """The kind decides which target counts."""
     move = Goal(id=3, kind="joints", pose=record_of(START), joint_rad=ZERO)

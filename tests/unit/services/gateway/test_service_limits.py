@@ -66,6 +66,7 @@ def test_limits_of_the_controller_are_slightly_wider_than_the_gateways() -> None
     kept = controller_limits(CELL, CELL.gateway)
     step_m, step_rad = set_point_step(CELL, CELL.gateway)
     limits = CELL.limits
+    assert kept.speed_m_s == CELL.force.speed_max_m_s < limits.speed_m_s  # of force feedback
     assert step_m <= limits.step_m
     assert step_rad <= np.radians(limits.step_deg)
     assert step_m < kept.set_point_m < 1.2 * step_m

@@ -68,9 +68,29 @@ def test_only_a_late_input_is_misaligned(stream: list[tuple[bool, int]]) -> None
         assert pairing.apart_s == pytest.approx(apart_s)
 
 
-def header(seq: int, stamp_ns: int) -> Any:
+def test_a_spike_that_was_left_out_is_counted() -> None:
+    """It changes no wrench, and health says that there was one."""
+    bench = WrenchBench()
+    before = bench.settle()
+    bench.force_N = np.array([0.0, 0.0, 300.0])
+    bench.step()
+    bench.force_N = np.zeros(3)
+    after = bench.settle()
+    assert after.valid
+    assert after.force_N == pytest.approx(before.force_N, abs=1e-6)
+    assert bench.service.counters()["sensor_spikes"] == 1
+
+
+def test_inputs_of_two_clocks_are_never_misaligned() -> None:
+    """Their stamps are not compared: an arm on another PC is not late by its uptime."""
+    pairing = Pairing()
+    pairing.update(header(1, 0), header(1, 10**15, boot="other"))
+    assert pairing.apart_s == 0.0
+
+
+def header(seq: int, stamp_ns: int, boot: str = "one") -> Any:
     """Return a header of one clock."""
-    return Header(seq=seq, epoch=1, boot="one", stamp_ns=stamp_ns)
+    return Header(seq=seq, epoch=1, boot=boot, stamp_ns=stamp_ns)
 
 
 # --- in the cell ----------------------------------------------------------------------------------

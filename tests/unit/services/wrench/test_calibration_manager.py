@@ -127,14 +127,15 @@ def test_a_calibration_of_another_setup_is_not_valid(changes: dict[str, Any], re
     assert reason in message.calibration_fault
 
 
-def test_gravity_exactly_the_other_way_is_180_degrees() -> None:
-    """Also where the product of the two directions is beyond -1 by its rounding."""
+@pytest.mark.parametrize(("sign", "objection"), [(1.0, ""), (-1.0, "gravity 180 degrees")])
+def test_a_direction_whose_square_is_above_1_by_rounding_has_an_angle(sign, objection) -> None:
+    """Gravity exactly as the cell file says, or exactly the other way."""
     down = (-0.9124211282466754, -0.3509312031717982, 0.21055872190307892)
-    up = tuple(-part for part in down)
-    payload = TRUE_PAYLOAD.model_copy(update={"gravity_direction_in_base": up})
+    found = tuple(sign * part for part in down)
+    payload = TRUE_PAYLOAD.model_copy(update={"gravity_direction_in_base": found})
     cell = with_calibration(demo_calibration(payload=payload))
     cell = cell.model_copy(update={"gravity_direction_in_base": down})
-    assert "gravity 180 degrees" in initial_calibration(cell).objection
+    assert objection in initial_calibration(cell).objection
 
 
 def test_frames_that_were_typed_again_may_be_rounded() -> None:

@@ -265,6 +265,8 @@ def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(axis: str, turn_deg:
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
+    T = talk.T_mm  # upside down it is its own inverse
+    go(talk, Com.MOVE_POSE, talk.pose_vec(T * pin.SE3(pin.utils.rotate("x", 0.3), np.zeros(3))))
     T = talk.T_mm
     goal = pin.SE3(T.rotation @ pin.utils.rotate(axis, np.radians(turn_deg)), T.translation)
     sent = talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))

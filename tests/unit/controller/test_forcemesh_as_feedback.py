@@ -139,6 +139,18 @@ def test_stop_ends_both_and_the_arm_may_move_again() -> None:
     assert talk.height_mm() - z == pytest.approx(5.0, abs=0.1)
 
 
+@pytest.mark.parametrize("wait_s", [0.0, 0.004, 0.02])
+def test_a_start_right_after_a_stop_runs_alone(wait_s: float) -> None:
+    """The mode of before is gone, however soon the next one comes."""
+    talk = running(1)
+    push(talk, 5)
+    talk.send(Com.FEEDBACK, 2)
+    talk.live(wait_s)
+    talk.send(Com.FEEDBACK, 1)
+    push(talk, 8)
+    assert int(talk.status) >> 5 & 3 == 2
+
+
 def test_a_stop_voids_a_start_that_still_waits() -> None:
     """The receiver does the stop at once, the robot program the start later: stop wins."""
     talk = Talk()

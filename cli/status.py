@@ -204,7 +204,7 @@ def restarts_of(run: Run | None) -> list[Restart]:
     """Return the restarts by a supervisor that still runs."""
     entries = run.processes if run is not None and run.live else []
     return [
-        Restart(name=entry.roles[0], times=len(entry.deaths), how=last.how, at=last.at)
+        Restart(name=" and ".join(entry.roles), times=len(entry.deaths), how=last.how, at=last.at)
         for entry in entries
         for last in entry.deaths[-1:]
     ]

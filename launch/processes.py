@@ -35,6 +35,7 @@ from launch.started_process import (
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
+SHARED = "launch.together"
 SUPERVISOR_POLL_S = 0.05
 # Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
@@ -54,13 +55,16 @@ def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
         module = row.modules[getattr(cell.roles, row.name, "")]
         if row.name == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
             module = EMULATOR
+        if row.name in cell.together:
+            module = SHARED
         if module is not None and not row.is_helper:
             roles_of[module] = (*roles_of.get(module, ()), row.name)
         if row.name == "hub" and cell.sim is not None and cell.sim.netft:
             # It implements no role of the bus: gateway and driver reach it over TCP and UDP.
             roles_of[EMULATOR] = ("controller",)
+    arguments = {EMULATOR: (program_file(cell),), SHARED: cell.together}
     return tuple(
-        ProcessSpec(module, roles, arguments=(program_file(cell),) if module == EMULATOR else ())
+        ProcessSpec(module, roles, arguments=arguments.get(module, ()))
         for module, roles in roles_of.items()
     )
 

@@ -66,7 +66,7 @@ class Restarter:
             times = len(self._deaths[died.process.name])
             self.write_line(
                 "up",
-                f"{died.process.name} restarted (pid {pid}, death {times}; after "
+                f"{' and '.join(died.process.roles)} restarted (pid {pid}, death {times}; after "
                 f"{DEATH_LIMIT} within {DEATH_WINDOW_S:g} s it is given up)"
                 + ("" if died.process.is_helper else f"; {REARM_STEP}"),
             )

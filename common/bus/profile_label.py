@@ -131,6 +131,8 @@ def problem_with(profile: str, file: Path, settings: Mapping[str, str] = os.envi
                 f"{' or '.join(implementations)}: use another profile (CELL={file.name} "
                 f"{command_of(fitting[-1], 'up')}), or another file with CELL"
             )
+    if cell.together:
+        return f"{file} has `together`, but containers have one role each: remove it"
     needed_by_real = {
         "FORCEMESH_PKI": has_certificates,
         "FORCEMESH_CALIBRATION": settings.get("FORCEMESH_CALIBRATION"),

@@ -227,6 +227,9 @@ class GatewaySection(Scales):
     plain: PlainSection = PlainSection()  # characters and scales of that packet
 
 
+# Each one's input is the output of the one before. Robot and arbiter never share a process.
+NEIGHBOURS = (("wrench", "regulator"), ("regulator", "arbiter"), ("wrench", "regulator", "arbiter"))
+
 Cores = Annotated[tuple[Annotated[int, Field(ge=0, le=1023)], ...], Field(min_length=1)]
 
 
@@ -241,6 +244,9 @@ class CellConfig(ConfigSection):
     rates: Rates = Rates()
     deadlines: Deadlines = Deadlines()
     cores: dict[str, Cores] = Field({})  # processor cores of a role's process; without an entry all
+    # Roles that `forcemesh up` runs in one process, such as [wrench, regulator]: less work for the
+    # processor, but what ends one of them ends all. The default is a process for each role.
+    together: tuple[str, ...] = ()
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
@@ -309,6 +315,18 @@ class CellConfig(ConfigSection):
         if unknown := [role for role in cores if role not in valid]:
             raise ValueError(f"{', '.join(unknown)}: not a role, valid: {', '.join(valid)}")
         return cores
+
+    @model_validator(mode="after")
+    def _together_are_neighbours(self) -> "CellConfig":
+        roles = self.together
+        if roles and roles not in NEIGHBOURS:
+            valid = " or ".join(f"[{', '.join(each)}]" for each in NEIGHBOURS)
+            raise ValueError(f"together: [{', '.join(roles)}] must be {valid}")
+        if bound := [role for role in roles[1:] if role in self.cores]:
+            raise ValueError(
+                f"cores.{bound[0]}: it shares the process of {roles[0]}, so cores.{roles[0]} counts"
+            )
+        return self
 
     @model_validator(mode="after")
     def _set_point_is_below_the_ceiling(self) -> "CellConfig":

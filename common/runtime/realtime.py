@@ -165,7 +165,7 @@ class ProcessorAccount:
     def __init__(self) -> None:
         """Begin with nothing used."""
         self._process_ns, self._since_ns = time.process_time_ns(), time.monotonic_ns()
-        self._ran_ns = [time.thread_time_ns()] * 2  # of the loop, after the last two steps
+        self._ran_ns = [time.thread_time_ns()] * 2  # of the loop, at its last two steps
         self._waited_ns = waited_ns()
 
     def fraction(self) -> float:
@@ -175,8 +175,8 @@ class ProcessorAccount:
         self._waited_ns = waited_ns()
         return (self._process_ns - process_ns) / max(self._since_ns - since_ns, 1)
 
-    def stepped(self) -> None:
-        """Note the end of a step."""
+    def begins(self) -> None:
+        """Note the beginning of a step."""
         self._ran_ns = [self._ran_ns[1], time.thread_time_ns()]
 
     def cause_of(self, gap_s: float) -> str:

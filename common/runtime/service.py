@@ -9,7 +9,7 @@ import os
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -112,8 +112,22 @@ class Stoppable(Protocol):
 class HealthReporter:
     """Publisher of the health of a bus's role, from the role's own loop."""
 
-    def __init__(self, bus: Bus, cell: CellConfig, account: ProcessorAccount | None = None) -> None:
-        """Prepare the constant fields; of a process's roles, the first has its account."""
+    def __init__(
+        self,
+        bus: Bus,
+        cell: CellConfig,
+        account: ProcessorAccount | None = None,
+        *,
+        is_first: bool = True,
+    ) -> None:
+        """Prepare the constant fields.
+
+        Args:
+            bus: Of the role.
+            cell: The cell.
+            account: Of the role's loop; the first role of a loop has it.
+            is_first: Of the roles of a process: this one publishes the share of the processor.
+        """
         self._transport = bus.transport
         self._bus = bus
         self._publisher = bus.publisher(HEALTH[bus.role])
@@ -123,9 +137,14 @@ class HealthReporter:
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
         self._overruns = Overruns(allowed_gap_s(cell, bus.role))
-        self._account, self._late_cause = account, ""
+        self._account, self._late_cause, self._is_first = account, "", is_first
         self._config_hash = cell_hash(cell)
         self._breakdown = ""
+
+    def begins(self) -> None:
+        """Note the beginning of a step."""
+        if self._account is not None:
+            self._account.begins()
 
     def stepped(
         self, now_ns: int, lateness_s: float, service: Service, breakdown: str = ""
@@ -144,10 +163,8 @@ class HealthReporter:
         self._steps += 1
         self._lateness_s.append(lateness_s)
         self._overruns.stepped(now_ns)
-        if self._account is not None:
-            if self._overruns.is_late:
-                self._late_cause = self._account.cause_of(self._overruns.gap_s)
-            self._account.stepped()
+        if self._account is not None and self._overruns.is_late:
+            self._late_cause = self._account.cause_of(self._overruns.gap_s)
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + self._period_ns
@@ -163,7 +180,8 @@ class HealthReporter:
         if isinstance(self._transport, Metered):  # the longest put since the last report
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
         if self._account is not None:
-            numbers = {**numbers, "processor_fraction": self._account.fraction()}
+            fraction = self._account.fraction()
+            numbers = {**numbers, **({"processor_fraction": fraction} if self._is_first else {})}
         self._publisher.put(
             Health(
                 valid=not breakdown,
@@ -237,12 +255,12 @@ class Runner:
         self._reporters = reporters
         self._clock = clock
         self._contain = contain
-        self._fault = ""
+        self.fault = ""
         self._trigger = service.trigger
         self._scheduled = service if isinstance(service, Scheduled) else None
         self._period_ns = round(service.period_s * NS_PER_S)
         self._patience_ns = round(PATIENCE_PERIODS * self._period_ns)
-        self._due_ns = clock.now_ns()
+        self.due_ns = clock.now_ns()
 
     def step(self, now_ns: int) -> bool:
         """Step once if the trigger has fired or the period has elapsed; return whether it has.
@@ -250,35 +268,46 @@ class Runner:
         A missed step is not repeated.
         """
         has_fired = self._trigger is not None and self._trigger.poll()
-        if not has_fired and now_ns < self._due_ns:
+        if not has_fired and now_ns < self.due_ns:
             return False
-        lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
+        lateness_s = max(0, now_ns - self.due_ns) / NS_PER_S
+        for reporter in self._reporters:
+            reporter.begins()
         if self._contain is None:
             self.service.step(now_ns)
             breakdown = ""
         else:
             breakdown = self._contain.step(self.service, now_ns)
-        self._fault = breakdown or self.service.fault
+        self.fault = breakdown or self.service.fault
         if self._scheduled is not None:  # a step that broke off has not moved it on
-            self._due_ns = now_ns + self._period_ns if breakdown else self._scheduled.due_ns
+            self.due_ns = now_ns + self._period_ns if breakdown else self._scheduled.due_ns
         elif self._trigger is None:
-            self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
+            self.due_ns = max(self.due_ns + self._period_ns, now_ns - self._period_ns)
         else:
-            self._due_ns = now_ns + self._patience_ns
+            self.due_ns = now_ns + self._patience_ns
         for reporter in self._reporters:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
         return True
 
-    def run(self, stop: StopSignal) -> None:
-        """Step whenever due until stopped; write a heartbeat for the container's health check."""
+    def run(self, stop: StopSignal, then: Sequence["Runner"] = ()) -> None:
+        """Step whenever due until stopped; write a heartbeat for the container's health check.
+
+        Args:
+            stop: Ends it.
+            then: Services of the same process whose trigger this one publishes: each steps after
+                the one before it.
+        """
         heartbeat = heartbeat_of_this_process()
         pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait
+        chain = (self, *then)
         while not stop.is_set():
-            now_ns = self._clock.now_ns()
-            if self.step(now_ns):
-                heartbeat.beat(now_ns, self._fault)
-                now_ns = self._clock.now_ns()
-            if (left_s := (self._due_ns - now_ns) / NS_PER_S) > 0.0:
+            now_ns, has_stepped = self._clock.now_ns(), False
+            for runner in chain:
+                if runner.step(now_ns):
+                    has_stepped, now_ns = True, self._clock.now_ns()
+            if has_stepped:
+                heartbeat.beat(now_ns, next((each.fault for each in chain if each.fault), ""))
+            if (left_s := (min(each.due_ns for each in chain) - now_ns) / NS_PER_S) > 0.0:
                 pause(min(left_s, LONGEST_PAUSE_S))
 
 
@@ -302,25 +331,39 @@ def main(
     """
     roles = (roles,) if isinstance(roles, str) else roles
     cell = cell_from_arguments(roles[0])
-    stop = stop_on_signals()
-    with exit_on_error(roles[0]), ExitStack() as exits:
+    with exit_on_error(roles[0]):
         if implementation is not None:
             for role in roles:
                 refuse_other_implementation(cell, role, implementation)
-        if roles[0] in cell.cores:
-            bind_to_cores(cell.cores[roles[0]])
+        run_process(cell, {roles: make_service}, connect=connect, realtime=realtime)
+
+
+def run_process(
+    cell: CellConfig,
+    services: Mapping[tuple[str, ...], Callable[[Bus, CellConfig], Service]],
+    *,
+    connect: Connect = open_bus,
+    realtime: bool = True,
+) -> None:
+    """Run services on one connection until SIGTERM or SIGINT; as `main`, with each one's roles."""
+    stop, (first, *_), runners = stop_on_signals(), next(iter(services)), list[Runner]()
+    with ExitStack() as exits:
+        if first in cell.cores:
+            bind_to_cores(cell.cores[first])
         use_one_thread()
-        bus = exits.enter_context(connect(cell, roles[0]))
+        bus = exits.enter_context(connect(cell, first))
         exits.callback(give_up_realtime_priority)
-        service = make_service(bus, cell)
-        if isinstance(service, Closable):
-            exits.callback(service.close)
-        reporters = [HealthReporter(bus, cell, ProcessorAccount())]
-        reporters += [HealthReporter(bus.playing(role), cell) for role in roles[1:]]
-        runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
+        for (role, *others), make_service in services.items():
+            own = bus if role == first else bus.playing(role)
+            service = make_service(own, cell)
+            if isinstance(service, Closable):
+                exits.callback(service.close)
+            reporters = [HealthReporter(own, cell, ProcessorAccount(), is_first=not runners)]
+            reporters += [HealthReporter(bus.playing(other), cell) for other in others]
+            runners.append(Runner(service, reporters, bus.clock, contain=Containment(role)))
         if realtime:
             prepare_realtime()
-        runner.run(stop)
+        runners[0].run(stop, runners[1:])
 
 
 def refuse_other_implementation(cell: CellConfig, role: str, implementation: str) -> None:

@@ -87,7 +87,9 @@ def rate_limits(cell: CellConfig) -> list[dict[str, Any]]:
 
 
 def roles_of_process(cell: CellConfig, role: str) -> tuple[str, ...]:
-    """Return the roles of the process with a role's certificate: two for a simulated arm."""
+    """Return the roles of the process with a role's certificate."""
+    if role in cell.together[:1]:
+        return cell.together
     both = cell.roles.robot == "sim" and cell.roles.sensor == "sim"
     return ("robot", "sensor") if role == "robot" and both else (role,)
 

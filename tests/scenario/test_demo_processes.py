@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from common.bus.cell_bus import open_bus
-from common.config.load import load_cell
+from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from tests.chaos.common_net import CellUnderTest
 
@@ -70,12 +70,14 @@ def status_of(cell_file: Path) -> dict:
     return json.loads(done.stdout)
 
 
-def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start):
+@pytest.mark.parametrize("together", [[], ["wrench", "regulator"]], ids=["alone", "together"])
+def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, together):
     """Kill -9 while force feedback runs: the arm stands, and the screen names the ended process.
 
     `make nightly ARGS=chaos` does it to all of them.
     """
-    cell = load_cell(cell_file)
+    cell = load_cell(cell_file, {"together": together})
+    cell_file.write_text(dump_cell(cell), encoding="utf-8")
     # The run must outlast this test: status does not report the ended processes of an ended run.
     # Ctrl-C ends it.
     demo = start(*demo_words(cell_file, "--linger", 10 * PATIENCE_S))

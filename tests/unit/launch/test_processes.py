@@ -78,6 +78,17 @@ def test_every_role_is_run_by_the_process_that_the_cell_names(overrides, robot, 
     assert processes[0].module == "services.hub"
 
 
+def test_neighbours_may_share_a_process() -> None:
+    """As the cell file says; it is named by the first, and the others have one each."""
+    processes = processes_of(load_cell(DEMO, {"together": ["wrench", "regulator"]}))
+    assert [(each.module, each.roles) for each in processes] == [
+        ("services.hub", ("hub",)),
+        ("sim.robot", ("robot", "sensor")),
+        ("launch.together", ("wrench", "regulator")),
+        ("services.arbiter", ("arbiter",)),
+    ]
+
+
 def test_the_table_has_every_role_and_only_runnable_modules() -> None:
     """A role without a row, or a row without a program, would fail only at start."""
     modules = {module for row in ROLE_TABLE for module in row.modules.values() if module}

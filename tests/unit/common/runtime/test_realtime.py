@@ -186,8 +186,8 @@ def test_waiting_for_a_processor_is_the_work_of_others(
     """With real-time priority of other real-time work; what did not wait was stopped."""
     monkeypatch.setattr(realtime, "has_realtime_priority", lambda: is_realtime)
     found = ProcessorAccount()
-    found.stepped()
-    found.stepped()
+    found.begins()
+    found.begins()
     schedstat.write_text(text)
     assert found.cause_of(GAP_S) == cause
     found.fraction()  # waiting before the last health is not of this gap
@@ -198,7 +198,7 @@ def test_a_long_step_is_its_own_cause(schedstat: Path) -> None:
     """Also while it waited for a processor in between."""
     found = ProcessorAccount()
     work(GAP_S)
-    found.stepped()
+    found.begins()
     schedstat.write_text("77 5039000000 9\n")
     assert found.cause_of(GAP_S) == OWN_WORK
 

@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,11 @@ class LastStep(Worker):
             signal.raise_signal(self.asked_by)
 
 
+def worker_of(worker: Worker, *_: object) -> Worker:
+    """Return a service that is made already."""
+    return worker
+
+
 class ServiceBus:
     """One cell's bus in memory, as a process opens it."""
 
@@ -119,6 +125,26 @@ def test_a_process_that_is_asked_to_end_finishes_its_step_and_no_other(
     assert len(worker.steps_ns) == 3
     assert line.opened_by == ["robot"]
     assert all(reader.read(line.clock.now_ns()).fresh for reader in readers)
+
+
+def test_roles_of_one_process_have_one_connection_and_a_health_each(line: ServiceBus) -> None:
+    """The first one's health has the processor time of all; each names the causes of its delays."""
+    workers = {"wrench": LastStep(line.clock), "regulator": Worker(line.clock)}
+    client = line.bus(topics.CLIENT)
+    readers = [client.reader(topics.HEALTH[role]) for role in workers]
+    process.run_process(
+        CELL,
+        {(role,): partial(worker_of, each) for role, each in workers.items()},
+        connect=line.connect,
+        realtime=False,
+    )
+    assert line.opened_by == ["wrench"]
+    assert [len(each.steps_ns) for each in workers.values()] == [3, 3]
+    first, then = [reader.read(line.clock.now_ns()).message for reader in readers]
+    assert first is not None
+    assert then is not None
+    assert "processor_fraction" in first.numbers
+    assert "processor_fraction" not in then.numbers
 
 
 def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
@@ -216,6 +242,34 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     patience_ms = round(1e3 * PATIENCE_PERIODS * 0.1)
     assert run_until(worker, clock, 5) == [0, 30, 70, 70 + patience_ms, 70 + 2 * patience_ms]
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
+
+
+def test_services_of_one_process_step_one_after_the_other() -> None:
+    """The next takes what the first has published, before the process sleeps again."""
+    clock, stop, steps = ManualClock(), StopSignal(), list[tuple[str, int]]()
+    start_ns = clock.now_ns()
+    first, then = Worker(clock, period_s=0.1), Worker(clock, period_s=0.1)
+    first.trigger, arrived = Trigger(clock, [30, 70]), Trigger(clock, [])
+    then.trigger = arrived
+
+    def note(name: str, now_ns: int) -> None:
+        steps.append((name, round((now_ns - start_ns) / MS)))
+        if name == "first" and len(steps) > 2:
+            arrived._comes_ns.append(now_ns)
+        if len(steps) == 6:
+            stop.set()
+
+    for name, worker in (("first", first), ("then", then)):
+        worker.step = partial(note, name)  # type: ignore[method-assign]
+    Runner(first, [], clock).run(stop, [Runner(then, [], clock)])
+    assert steps == [
+        ("first", 0),
+        ("then", 0),
+        ("first", 30),
+        ("then", 30),
+        ("first", 70),
+        ("then", 70),
+    ]
 
 
 class SlowWorker(Worker):

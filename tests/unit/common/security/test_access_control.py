@@ -18,9 +18,11 @@ Rights = dict[tuple[str, str], set[str]]
 PROCESSES = [*(role for role in ROLES if role != "hub"), *HELPERS]
 
 
-@pytest.fixture(params=FILES)
+@pytest.fixture(params=[*FILES, "shared"])
 def cell(request: pytest.FixtureRequest) -> CellConfig:
-    """Every cell file there is."""
+    """Every cell file there is, and one whose roles share processes."""
+    if request.param == "shared":
+        return load_cell(CELLS / "demo.yaml", {"together": ["wrench", "regulator", "arbiter"]})
     return load_cell(CELLS / request.param)
 
 
@@ -44,7 +46,8 @@ def keys(cell: CellConfig, rows: Any) -> set[str]:
 def played(cell: CellConfig, role: str) -> set[str]:
     """Return the roles of the process that shows a role's certificate."""
     is_arm = role == "robot" and (cell.roles.robot, cell.roles.sensor) == ("sim", "sim")
-    return {"robot", "sensor"} if is_arm else {role}
+    shared = ("robot", "sensor") if is_arm else cell.together
+    return set(shared) if role in shared[:1] else {role}
 
 
 @pytest.mark.parametrize("role", PROCESSES)

@@ -180,8 +180,9 @@ class HealthReporter:
         if isinstance(self._transport, Metered):  # the longest put since the last report
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
         if self._account is not None:
-            fraction = self._account.fraction()
-            numbers = {**numbers, **({"processor_fraction": fraction} if self._is_first else {})}
+            fraction = self._account.fraction()  # also begins its next count of waiting
+            if self._is_first:
+                numbers = {**numbers, "processor_fraction": fraction}
         self._publisher.put(
             Health(
                 valid=not breakdown,

@@ -12,7 +12,7 @@ DEMO = Path(__file__).parents[3] / "cells" / "demo.yaml"
 def test_roles_that_the_cell_file_does_not_run_together_are_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It may have changed since: an arbiter would have a second one beside it."""
+    """The file may have changed since: two arbiters would run."""
     monkeypatch.setattr("sys.argv", ["together", "wrench", "regulator", "--cell", str(DEMO)])
     with pytest.raises(SystemExit, match="2"):
         together.main()

@@ -8,6 +8,7 @@ import secrets
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -59,6 +60,9 @@ class Transport(Protocol):
     def serve(self, key: str) -> CallSource:
         """Return the source of requests on a key."""
 
+    def gathered(self) -> AbstractContextManager[None]:
+        """Send what is published during the block together, at its end."""
+
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
         """Return the reply to a request, or None after the timeout."""
 
@@ -85,14 +89,20 @@ class Publisher(Generic[M]):
         self._epoch = epoch
         self._stamps_ns: deque[int] = deque(maxlen=STAMPS_KEPT)
 
-    def put(self, message: M, origin: Origin | None = None) -> Header:
-        """Publish a message, with the sensor sample it is based on, if any."""
+    def put(self, message: M, origin: Origin | None = None, *, at_ns: int | None = None) -> Header:
+        """Publish a message.
+
+        Args:
+            message: The message.
+            origin: Sensor sample on which it is based.
+            at_ns: When its values were true, if that was before now.
+        """
         self.seq += 1
         header = Header(
             seq=self.seq,
             epoch=self._epoch,
             boot=self._clock.boot,
-            stamp_ns=self._clock.now_ns(),
+            stamp_ns=self._clock.now_ns() if at_ns is None else at_ns,
             topic=self._address,
             sensor_stamp_ns=None if origin is None else origin.stamp_ns,
             sensor_seq=None if origin is None else origin.seq,

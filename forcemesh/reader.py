@@ -1,6 +1,7 @@
 """Reader of one topic: checks and counts messages, and classifies the newest at every read."""
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -98,6 +99,7 @@ class Reader(Generic[M]):
         self._retired_epochs: deque[int] = deque(maxlen=MOST_RETIRED)
         self._conflict_until_ns = 0
         self._suspicion = 0  # leaky counter: +1 per bad, -1 per good message
+        self._is_new = False  # the last message was not read yet
 
     def poll(self) -> bool:
         """Process the received payload; return whether a newer message was accepted.
@@ -139,7 +141,7 @@ class Reader(Generic[M]):
         self.counters.received += 1
         self._suspicion = max(self._suspicion - 1, 0)
         self._broken = None
-        self._last = (message, header)
+        self._last, self._is_new = (message, header), True
         self._received_ns = self._since_ns = now_ns
         if header.boot == self._clock.boot:
             # After a freeze the newest message waiting in the channel has just arrived and is old.
@@ -153,6 +155,22 @@ class Reader(Generic[M]):
     def read(self, now_ns: int) -> Reading[M]:
         """Process the received payload and classify the newest message at this time."""
         self.poll()
+        return self._classified(now_ns)
+
+    def readings(self, now_ns: int) -> Iterator[Reading[M]]:
+        """Yield a reading of each message of a queue since the last one; one of the last if none.
+
+        Also of the message that a poll has accepted.
+        """
+        if not self._is_new:
+            self.poll()
+        yield self._classified(now_ns)
+        while self.poll():
+            yield self._classified(now_ns)
+
+    def _classified(self, now_ns: int) -> Reading[M]:
+        """Return the newest message with its age and fault at this time."""
+        self._is_new = False
         if self._last is None:
             return self._missing
         message, header = self._last

@@ -237,6 +237,7 @@ class ZenohTransport:
         self._session = session
         self._sources: list[ZenohSource] = []
         self._puts: deque[tuple[int, int]] = deque(maxlen=PUTS_KEPT)  # begin, duration [ns]
+        self._gathered: list[Callable[[], None]] | None = None
 
     def close(self) -> None:
         """Close the session and join its receiver threads."""
@@ -264,14 +265,36 @@ class ZenohTransport:
             express=urgent,
         )
 
-        def put(data: bytes) -> None:
+        def send(data: bytes) -> None:
             began_ns = time.monotonic_ns()
             # A session without a hub drops the message: readers detect it as stale.
             with suppress(zenoh.ZError):
                 publisher.put(data)
             self._puts.append((began_ns, time.monotonic_ns() - began_ns))
 
+        def put(data: bytes) -> None:
+            if self._gathered is None:
+                send(data)
+            else:
+                self._gathered.append(partial(send, data))
+
         return put
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """Send what is published during the block at its end; of a block within, at that one's end.
+
+        Hub and readers then wake once for all of it. Only for a process that publishes from one
+        thread.
+        """
+        waiting: list[Callable[[], None]] = []
+        outer, self._gathered = self._gathered, waiting
+        try:
+            yield
+        finally:
+            self._gathered = outer
+            for send in waiting:
+                send()
 
     def subscribe(self, key: str, room: int = 1) -> ZenohSource:
         """Return a source of the newest `room` payloads of a key, in order."""

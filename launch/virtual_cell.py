@@ -67,7 +67,7 @@ class VirtualCell:
     def _add_sim(self) -> SimArm:
         bus = self._bus("robot")
         robot = SimRobot(bus, self.cell)
-        robot.wake_ticks = 1  # an observer of the arm sees every tick
+        robot.driver.wake_ticks = 1  # an observer of the arm sees every tick
         self._add("robot", robot, bus, bus.playing("sensor"))
         return robot.arm
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -67,6 +68,10 @@ class MemoryTransport:
     def serve(self, key: str) -> MemorySource[MemoryCall]:
         """Return the source of requests on a key."""
         return self._servers.setdefault(key, MemorySource(deque()))
+
+    def gathered(self) -> AbstractContextManager[None]:
+        """Change nothing: here a message costs no wake-up."""
+        return nullcontext()
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
         """Queue the request and advance virtual time until the reply."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 from typing import Any
 
 import pinocchio as pin
@@ -73,9 +74,10 @@ class WrenchService:
         self._put_after_ns = round((self.period_s - 0.5 / cell.rates.sensor_hz) * NS_PER_S)
         self._report: RobotState | None = None  # the last one without a fault
         self._T_base_flange: pin.SE3 | None = None  # of this report, None without an orientation
-        self._sensor = bus.reader(topics.SENSOR_WRENCH)
+        of_period = ceil(cell.rates.sensor_hz / cell.rates.control_hz)
+        self._sensor = bus.reader(topics.SENSOR_WRENCH, of_period)
         self._robot = bus.reader(topics.ROBOT_STATE)
-        self._target = bus.reader(topics.REGULATOR_TARGET)
+        self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._contact = bus.reader(topics.CONTACT)
         self._out = bus.publisher(topics.WRENCH)
         self._requests: tuple[tuple[Inbox[Any], Callable[[RequestContext, Any], Reply]], ...] = (
@@ -100,36 +102,43 @@ class WrenchService:
         return {"filter_delay_s": self._cell.plant.filter_delay_s, "tare_age_h": age_h}
 
     def step(self, now_ns: int) -> None:
-        """Filter the newest sample; publish at the control rate, at once when a fault begins."""
-        sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
+        """Filter the samples since the last step; publish at the control rate, a fault at once."""
+        robot = self._robot.read(now_ns)
         if robot.fresh is not self._report:  # each report is converted once
             self._report = robot.fresh
             self._T_base_flange = None if self._report is None else pose_of(self._report)
         was_valid = self._fault is None
-        fault = self._take(sensor, robot.header)
-        no_pose = self._T_base_flange is None or self._pairing.apart_s > self._apart_max_s
-        if fault is None and no_pose:
-            fault = self._pose_fault(robot)
-        if fault is not None:  # it is held until every reader must have received it
-            waited_for = "missing" in (sensor.code, fault.code)
-            self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
-        if fault is not None or now_ns >= self._fault_until_ns:
-            self._fault, self.fault = fault, "" if fault is None else fault.text
-        target, contact = self._target.read(now_ns).fresh, self._contact.read(now_ns).fresh
+        for sensor in self._sensor.readings(now_ns):
+            self._filter_one(sensor, robot, now_ns)
         for inbox, answer in self._requests:
             for each in inbox.take_all():
+                arbiter = self._arbiter.read(now_ns).fresh
                 context = RequestContext(
                     now_ns,
                     self._fault,
                     self._T_base_flange,
                     moving=self._report is not None and self._report.status.moving,
-                    feedback_runs=target is not None and target.valid,
-                    contact=contact,
+                    feedback_runs=arbiter is not None and arbiter.commander == "regulator",
+                    contact=self._contact.read(now_ns).fresh,
                 )
                 each.reply(answer(context, each.request))
         if now_ns >= self._next_put_ns or (was_valid and self._fault is not None):
             self._next_put_ns = now_ns + self._put_after_ns
             self._put(sensor)
+
+    def _filter_one(
+        self, sensor: Reading[SensorWrench], robot: Reading[RobotState], now_ns: int
+    ) -> None:
+        """Filter a sample, and update the fault, which is held until every reader has it."""
+        fault = self._take(sensor, robot.header)
+        no_pose = self._T_base_flange is None or self._pairing.apart_s > self._apart_max_s
+        if fault is None and no_pose:
+            fault = self._pose_fault(robot)
+        if fault is not None:
+            waited_for = "missing" in (sensor.code, fault.code)
+            self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
+        if fault is not None or now_ns >= self._fault_until_ns:
+            self._fault, self.fault = fault, "" if fault is None else fault.text
 
     def _take(self, sensor: Reading[SensorWrench], robot: Header | None) -> Trip | None:
         """Filter a new, valid sample; reset the filter after a gap or a fault."""

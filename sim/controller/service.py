@@ -91,7 +91,8 @@ class ControllerSensor(EmulatedController):
     ) -> None:
         """Build the controller of this cell and claim the sensor topic as publisher."""
         super().__init__(bus.clock, cell, network, behaviour=behaviour)
-        self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
+        sensor = SensorFeed(bus, cell, self.arm)
+        self.machine.after_tick += [sensor.ticked, sensor.publish]
 
 
 class ControllerNetft(EmulatedController):

@@ -1,11 +1,13 @@
 """Driver of the simulated robot: commands to arm motions, physics up to the clock. No bus."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
+from common.motion.frames import Array
 from common.motion.limits import joint_goal
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from common.robot.driver import RobotDriver
@@ -26,8 +28,9 @@ TICK_NS = round(TICK_S * NS_PER_S)
 class SimDriver(RobotDriver):
     """The simulated arm, moved by a motion generator. It reports at the rate of the cell file.
 
-    A command acts from the last tick of its step on. The ticks since the step before are made up,
-    which is cheaper than waking for each.
+    The physics runs in steps of `wake_ticks`, all of their ticks at once, because the first tick
+    after a wake-up costs as much as three more. A set point in between waits for the tick that it
+    acts from, the one of its arrival; a goal or a hold makes up the ticks before it.
     """
 
     link_fault = None  # the state of this arm is always known
@@ -41,8 +44,11 @@ class SimDriver(RobotDriver):
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._seeded = True  # the commanded pose is the measured one of this hold
+        self.wake_ticks = 1
         self.ticks_lost, self._start_ns = 0, now_ns
-        self._has_last_tick = False  # of this step
+        self._behind = 0  # ticks, behind the clock of this step
+        self._is_due = False  # this step runs them
+        self._streamed: deque[tuple[int, pin.SE3, Array]] = deque()  # first tick, pose, joints
         self._reports: list[ArmReport] = []
         self._signals = SimSignals(cell)
 
@@ -63,21 +69,32 @@ class SimDriver(RobotDriver):
         return self._start_ns + (tick + self.ticks_lost) * TICK_NS
 
     def receive(self, now_ns: int) -> None:
-        """Advance the physics to the clock, but for the last tick."""
+        """Advance the physics to the clock, but for the last tick, if it is due."""
         elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self.ticks_lost
         self.ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
-        self._has_last_tick = elapsed > 0
-        for _ in range(1, min(elapsed, MOST_TICKS_PER_STEP)):
+        self._behind = min(elapsed, MOST_TICKS_PER_STEP)
+        self._is_due = self._behind >= self.wake_ticks - self.arm.ticks % self.wake_ticks
+        if self._is_due:
+            self._make_up()
+
+    def _make_up(self) -> None:
+        """Run the ticks since the last step, but for the last one."""
+        while self._behind > 1:
             self._tick()
+        self._is_due = True
 
     def report(self) -> Sequence[ArmReport]:
         """Make the last tick; return the reports of this step."""
-        if self._has_last_tick:
+        if self._is_due and self._behind > 0:
             self._tick()
         reports, self._reports = self._reports, []
         return reports
 
     def _tick(self) -> None:
+        self._behind -= 1
+        while self._streamed and self._streamed[0][0] <= self.arm.ticks + 1:
+            _, T_base_flange, q = self._streamed.popleft()
+            self._motion.follow(T_base_flange, q)
         self.arm.command_joints(self._motion.tick(TICK_S))
         self.arm.step()
         for ticked in self.after_tick:
@@ -94,11 +111,18 @@ class SimDriver(RobotDriver):
 
     def stream(self, T_base_flange: pin.SE3, *, begins: bool) -> Trip | None:
         """Follow a set point; the first one is where the arm is."""
-        reason = "" if begins else self._motion.setpoint(T_base_flange)
-        return tripped("robot_refuses", reason) if reason else None
+        if begins:
+            return None
+        result = self._motion.solved(T_base_flange)
+        if result.q is None:
+            return tripped("robot_refuses", result.reason)
+        self._streamed.append((self.arm.ticks + max(1, self._behind), T_base_flange, result.q))
+        return None
 
     def goal(self, goal: Goal, speed: Speed) -> str:
         """Start a goal; return why it is refused."""
+        self._make_up()
+        self._streamed.clear()
         if goal.kind == "pose" and goal.pose is not None:
             return self._motion.start_pose(pose_of(goal.pose), speed)
         return self._motion.start_joints(joint_goal(goal, self._motion.q_command), speed)
@@ -113,6 +137,8 @@ class SimDriver(RobotDriver):
     def hold(self, *, begins: bool) -> None:
         """Brake; once at rest, command the measured pose, so that no command is pending."""
         if begins:
+            self._make_up()
+            self._streamed.clear()
             self._motion.brake()
             self._seeded = False
         if not self._seeded and self._motion.state not in BUSY and not self.arm.moving:

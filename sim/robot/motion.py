@@ -80,18 +80,25 @@ class MotionGenerator:
 
     def setpoint(self, T_base_flange: pin.SE3) -> str:
         """Follow a streamed pose from the next tick on; it replaces an older one."""
+        result = self.solved(T_base_flange)
+        if result.q is not None:
+            self.follow(T_base_flange, result.q)
+        return result.reason
+
+    def solved(self, T_base_flange: pin.SE3) -> IkResult:
+        """Return the joint angles of a streamed pose, or why it cannot be followed."""
         if self.state in BUSY:
-            return _REFUSED_BUSY
-        result = self._kinematics.solve(T_base_flange, self.q_command, jump_rad=STREAM_JUMP_RAD)
-        if result.q is None:
-            return result.reason
-        self._q_stream, self.state, self.reason = result.q, "stream", ""
+            return IkResult(None, _REFUSED_BUSY)
+        return self._kinematics.solve(T_base_flange, self.q_command, jump_rad=STREAM_JUMP_RAD)
+
+    def follow(self, T_base_flange: pin.SE3, q: Array) -> None:
+        """Follow a streamed pose, whose joint angles were found, from the next tick on."""
+        self._q_stream, self.state, self.reason = q, "stream", ""
         travel_m, turn_rad = apart(self._kinematics.flange_pose(self.q_command), T_base_flange)
         self._stream_s = max(
-            self._kinematics.full_speed_s(result.q - self.q_command),
+            self._kinematics.full_speed_s(q - self.q_command),
             max(travel_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s,
         )
-        return ""
 
     def brake(self) -> None:
         """Stop: a goal along its path; a stream ramps down unless its last pose is reached."""

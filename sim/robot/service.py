@@ -9,7 +9,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.messages import ZERO3, SensorWrench, Vec3
 from sim.robot.arm import SimArm
-from sim.robot.driver import SimDriver
+from sim.robot.driver import TICK_NS, SimDriver
 from sim.robot.ft_sensor import FtStatus
 from sim.robot.settings import TICK_S
 from sim.robot.trace import trace_from_environment
@@ -24,7 +24,9 @@ SENSOR_CODES: dict[FtStatus, str] = {
 class SimRobot(RobotService):
     """Robot service with the simulated arm, and the sensor on it.
 
-    It wakes for each message that it publishes and for each command.
+    It wakes for each command and once per period of its reports, in which it also publishes the
+    samples since the last one; for each sample when they are less frequent than the reports, or the
+    reports less frequent than the control period.
     """
 
     driver: SimDriver
@@ -35,12 +37,28 @@ class SimRobot(RobotService):
         self.arm = driver.arm
         flange_at = self.arm.kinematics.flange_pose
         super().__init__(bus, cell, driver, ArmCheck(cell, flange_at=flange_at))
-        sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
+        self._transport = bus.transport
+        self._sensor = sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         driver.after_tick.append(sensor.ticked)
-        self.wake_ticks = gcd(driver.state_ticks, sensor.ticks)
-        self.period_s = self.wake_ticks * TICK_S
+        driver.wake_ticks = gcd(driver.state_ticks, sensor.ticks)
+        is_slow = driver.state_ticks * TICK_S > 1.0 / cell.rates.control_hz
+        if driver.state_ticks % sensor.ticks == 0 and not is_slow:
+            driver.wake_ticks = driver.state_ticks
+        self.period_s = driver.wake_ticks * TICK_S
         if (trace := trace_from_environment(self.arm, bus.clock)) is not None:
             driver.after_tick.append(trace.ticked)
+
+    def step(self, now_ns: int) -> None:
+        """Execute the command; at its time publish the state, and the samples since the last one.
+
+        The samples go first: the control loop waits for them.
+        """
+        due_ns = self.due_ns
+        with self._transport.gathered():
+            super().step(now_ns)
+            with self._transport.gathered():
+                if now_ns >= due_ns:
+                    self._sensor.publish()
 
     def counters(self) -> dict[str, int]:
         """Return the counters of commands and of lost time."""
@@ -49,20 +67,22 @@ class SimRobot(RobotService):
     @property
     def due_ns(self) -> int:
         """Time of the tick of the next message: ticks and messages have one grid."""
-        return self.driver.time_of((self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks)
+        wake_ticks = self.driver.wake_ticks
+        return self.driver.time_of((self.arm.ticks // wake_ticks + 1) * wake_ticks)
 
 
 class SensorFeed:
-    """Publishes a sample every fixed number of ticks of the arm."""
+    """Takes a sample every fixed number of ticks of the arm."""
 
     def __init__(self, sensor_bus: Bus, cell: CellConfig, arm: SimArm) -> None:
         """Claim the sensor topic as publisher."""
-        self._arm = arm
+        self._arm, self._clock = arm, sensor_bus.clock
+        self._waiting: list[tuple[int, SensorWrench]] = []  # ticks of the arm, and sample
         self.ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
         self._wrench = sensor_bus.publisher(topics.SENSOR_WRENCH)
 
     def ticked(self) -> None:
-        """Handle one tick of the arm: publish a sample if due.
+        """Handle one tick of the arm: take a sample if due.
 
         It is the message of a driver: with a number that is not finite it is invalid and empty.
         """
@@ -79,14 +99,19 @@ class SensorFeed:
             status, code, reason = "fault", "not_finite", "the sensor reading is not finite"
         elif status != "ok":
             reason = f"the sensor reports {status}"
-        self._wrench.put(
-            SensorWrench(
-                valid=not reason,
-                reason=reason,
-                code=code,
-                force_N=force_N,
-                torque_Nm=torque_Nm,
-                status=status,
-                counter=self._arm.ticks // self.ticks,
-            )
+        message = SensorWrench(
+            valid=not reason,
+            reason=reason,
+            code=code,
+            force_N=force_N,
+            torque_Nm=torque_Nm,
+            status=status,
+            counter=self._arm.ticks // self.ticks,
         )
+        self._waiting.append((self._arm.ticks, message))
+
+    def publish(self) -> None:
+        """Publish the samples taken since the last call: the last tick of the arm is now."""
+        now_ns, taken, self._waiting = self._clock.now_ns(), self._waiting, []
+        for ticks, message in taken:
+            self._wrench.put(message, at_ns=now_ns - (self._arm.ticks - ticks) * TICK_NS)

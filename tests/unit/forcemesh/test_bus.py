@@ -206,6 +206,25 @@ def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
     assert [source.take() for _ in range(room + 1)] == [*newest, None]
 
 
+@pytest.mark.parametrize("polled", [False, True])
+@given(counts=st.lists(st.integers(0, 5), max_size=6))
+def test_a_queue_is_read_message_by_message(polled: bool, counts: list[int]) -> None:
+    """Each as far as there was room; the last one again when nothing is new."""
+    transport, clock, room = MemoryTransport(), ManualClock(), 3
+    publisher = Bus("wrench", "demo", transport, CELL, clock).publisher(topics.WRENCH)
+    reader = Bus(CLIENT, "demo", transport, CELL, clock).reader(topics.WRENCH, room)
+    read, last = list[int | None](), None
+    for count in counts:
+        for _ in range(count):
+            publisher.put(topics.WRENCH.message())
+        assert not polled or reader.poll() == (count > 0)  # as a trigger does
+        headers = [each.header for each in reader.readings(clock.now_ns())]
+        read = [None if header is None else header.seq for header in headers]
+        newest = [*range(publisher.seq - min(count, room) + 1, publisher.seq + 1)]
+        assert read == (newest or [last])
+        last = read[-1]
+
+
 # --- another cell ---------------------------------------------------------------------------------
 
 

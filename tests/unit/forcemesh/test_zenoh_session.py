@@ -1,6 +1,7 @@
 """Sources of messages: what a reader holds after it has waited; and what a slow reader costs."""
 
 import queue
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any, get_args
 
@@ -83,6 +84,26 @@ def test_a_reader_that_does_not_read_delays_no_publisher(qos: Qos) -> None:
     asked: dict[str, Any] = {}
     ZenohTransport(session).publish("cell/topic", qos)
     assert asked["congestion_control"] is zenoh.CongestionControl.DROP
+
+
+def test_what_is_gathered_is_sent_in_order_at_the_end_of_its_block() -> None:
+    """Also when the block fails; what a block within it gathered goes first."""
+    sent: list[bytes] = []
+    publisher = SimpleNamespace(put=sent.append)
+    session: Any = SimpleNamespace(declare_publisher=lambda _key, **_settings: publisher)
+    transport = ZenohTransport(session)
+    put = transport.publish("cell/topic", "stream")
+    with suppress(ZeroDivisionError), transport.gathered():
+        put(b"later")
+        with transport.gathered():
+            put(b"first")
+            put(b"second")
+            assert sent == []
+        put(b"last")
+        assert sent == [b"first", b"second"]
+        raise ZeroDivisionError
+    put(b"at once")
+    assert sent == [b"first", b"second", b"later", b"last", b"at once"]
 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])

@@ -50,6 +50,44 @@ def test_it_publishes_at_the_control_rate_with_the_sample_behind_it(bench: Wrenc
     assert published == pytest.approx(CELL.rates.control_hz * 500 * SENSOR_S, abs=2)
 
 
+def is_of_now(bench: WrenchBench) -> bool:
+    """Return whether the newest wrench is of the newest sample."""
+    origin = bench.out.read(bench.clock.now_ns()).origin
+    return origin is not None and origin.stamp_ns == bench.clock.now_ns()
+
+
+@pytest.mark.parametrize("push_N", [0.0, 25.0])
+def test_samples_that_arrive_together_are_filtered_as_one_after_the_other(
+    bench: WrenchBench, push_N: float
+) -> None:
+    """A robot or a network may deliver the samples of a period at once; none is left out."""
+    together = WrenchBench()
+    for each in (bench, together):
+        each.settle()
+        while not is_of_now(each):  # the second of two samples is published
+            each.step()
+        each.force_N[2] = push_N
+    for _ in range(20):
+        bench.step(2)
+        for _ in range(2):
+            together.clock.sleep_s(SENSOR_S)
+            together.before_step()
+        together.service.step(together.clock.now_ns())
+        assert together.published().force_N == pytest.approx(bench.published().force_N, abs=1e-12)
+    assert together.service.counters() == bench.service.counters()
+
+
+def test_a_fault_of_the_first_of_two_samples_is_reported(bench: WrenchBench) -> None:
+    """At once, although the second one is good: it may be the only sign of a broken cable."""
+    bench.settle()
+    bench.clock.sleep_s(SENSOR_S)
+    bench.sensor = {"status": "fault", "valid": False, "code": "sensor_fault", "reason": "cable"}
+    bench.before_step()
+    bench.sensor = {}
+    bench.step()
+    assert (bench.published().valid, bench.published().code) == (False, "sensor_fault")
+
+
 # --- not valid ------------------------------------------------------------------------------------
 
 

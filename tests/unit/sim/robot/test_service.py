@@ -1,17 +1,29 @@
 """Simulated robot as a service: when its messages are published."""
 
+import random
+from collections.abc import Callable
+from operator import methodcaller
+
+import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
+from common.motion.convert import record_of
 from common.runtime.service import Runner
 from common.runtime.stop import StopSignal
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from sim.robot.driver import MOST_TICKS_PER_STEP, TICK_NS
+from forcemesh.messages import Goal, Speed
+from sim.robot.arm import SimArm
+from sim.robot.driver import MOST_TICKS_PER_STEP, TICK_NS, SimDriver
 from sim.robot.service import SimRobot
-from tests.fakes.bench import CELL
+from sim.robot.settings import SimSettings
+from tests.fakes.bench import CELL, cell_with
 
 STATE_TICKS = 8
 SLOW_CELL = CellConfig.model_validate(
@@ -60,3 +72,84 @@ def test_a_state_is_published_at_its_tick_after_a_stall(stall_ms: int) -> None:
     lost = run.robot.counters()["ticks_lost"]
     assert (lost > 0) == (stall_ms > MOST_TICKS_PER_STEP)
     assert offsets_ns == [lost * TICK_NS % (STATE_TICKS * TICK_NS)] * 4
+
+
+@pytest.mark.parametrize(
+    ("robot_hz", "sensor_hz", "control_hz", "wake_ticks"),
+    [
+        (250, 500, 250, 4),  # two samples at a time
+        (250, 1000, 250, 4),
+        (250, 1000, 500, 1),  # no sample waits for longer than a control period
+        (500, 250, 250, 2),
+        (125, 125, 125, 8),
+        (200, 500, 200, 1),  # the reports have no common tick with the samples
+    ],
+)
+def test_samples_are_published_with_the_report_and_the_times_of_their_ticks(
+    robot_hz: float, sensor_hz: float, control_hz: float, wake_ticks: int
+) -> None:
+    """All of them, in order; a sample waits for a control period at most."""
+    cell = cell_with(
+        rates__robot_hz=robot_hz, rates__sensor_hz=sensor_hz, rates__control_hz=control_hz
+    )
+    clock, transport = ManualClock(), MemoryTransport()
+    robot = SimRobot(Bus("robot", cell.cell, transport, cell, clock), cell)
+    assert robot.driver.wake_ticks == wake_ticks
+    client, began_ns = Bus(topics.CLIENT, cell.cell, transport, cell, clock), clock.now_ns()
+    samples, runner = client.reader(topics.SENSOR_WRENCH, 100), Runner(robot, [], clock)
+    offsets_ns = list[int]()
+    for _ in range(40):
+        clock.advance_ns(TICK_NS)
+        if runner.step(clock.now_ns()):
+            found = samples.readings(clock.now_ns())
+            headers = [reading.header for reading in found if not reading.fault]
+            offsets_ns += [header.stamp_ns - began_ns for header in headers if header]
+    period_ns = round(1e9 / sensor_hz)
+    assert sorted(set(offsets_ns)) == [*range(period_ns, 40 * TICK_NS + 1, period_ns)]
+
+
+Action = Callable[[SimDriver], object]
+
+
+def commanded(wake_ticks: int, actions: dict[int, Action], ticks: int) -> list[list[float]]:
+    """Return the commanded joint angles of each tick of a driver [rad].
+
+    Args:
+        wake_ticks: Of the driver.
+        actions: What happens to it at a tick.
+        ticks: How long it runs.
+    """
+    driver, found = SimDriver(CELL, 0), list[list[float]]()
+    driver.wake_ticks = wake_ticks
+    driver.after_tick.append(lambda: found.append(driver.arm.q_command.tolist()))
+    for tick in range(1, ticks + 1):
+        if tick in actions or tick % wake_ticks == 0:
+            driver.receive(tick * TICK_NS)
+            actions.get(tick, lambda _: None)(driver)
+            driver.report()
+    return found
+
+
+@settings(max_examples=40)
+@given(
+    at=st.sets(st.integers(1, 60), min_size=1, max_size=12),
+    seed=st.integers(0, 2**32 - 1),
+    wake_ticks=st.sampled_from([2, 4, 8]),
+)
+def test_a_command_acts_from_the_tick_of_its_arrival(
+    at: set[int], seed: int, wake_ticks: int
+) -> None:
+    """Whenever the physics runs: as in a robot that wakes at each tick."""
+    draw, T = random.Random(seed), SimArm(SimSettings.of(CELL), seed=0).T_base_flange
+    kinds, actions = [draw.choice("ssssgh") for _ in at], dict[int, Action]()
+    for tick, kind in zip(sorted(at), kinds, strict=True):
+        shift_m = np.array([draw.uniform(-4e-4, 4e-4) for _ in range(3)])
+        goal = pin.SE3(T.rotation, T.translation + shift_m)
+        record = Goal(id=tick, kind="pose", pose=record_of(goal))
+        actions[tick] = {
+            "s": methodcaller("stream", goal, begins=False),
+            "g": methodcaller("goal", record, Speed()),
+            "h": methodcaller("hold", begins=True),
+        }[kind]
+    fine, coarse = commanded(1, actions, 64), commanded(wake_ticks, actions, 64)
+    assert np.array(coarse) == pytest.approx(np.array(fine), abs=1e-9)

@@ -26,6 +26,7 @@ from tests.chaos.common_net import free_port
 
 PRESS_N, BAND_N = 15.0, 1.0
 PRESSING: ArbiterState = "ACTIVE"
+ARMED: ArbiterState = "ARMED"
 POLL_S = 0.0005
 WITHIN_S = 180.0  # also while other work keeps all cores busy
 STAGES: dict[str, topics.Topic[Any]] = {
@@ -78,16 +79,19 @@ def running(cell: CellConfig, file: Path | None = None) -> Iterator[ConfiguredCe
             yield client
 
 
-def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> CellRun:
-    """Let a cell press and measure it for an interval."""
+def run(cell: CellConfig, duration_s: float, *, law: Law | None, realtime: bool) -> CellRun:
+    """Let a cell press, or without a law be armed only, and measure it for an interval."""
     found = CellRun(ages_us={stage: {} for stage in (*STAGES, "robot")})
     with running(cell) as client, open_bus(cell, topics.CLIENT) as watch:
         health = {role: client.feed(topics.HEALTH[role]) for role in OF_PROCESSES}
-        pids = {role: reading(WITHIN_S).pid for role, reading in health.items()}
+        pids = _by_process({role: reading(WITHIN_S).pid for role, reading in health.items()})
         if not realtime:
             for pid in pids.values():
                 _give_up_realtime(pid)
-        press(client, law)
+        if law is None:
+            client.arm(within_s=WITHIN_S)
+        else:
+            press(client, law)
         found.held = why_held(client)
         if found.held:
             return found
@@ -95,7 +99,7 @@ def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> Cel
         found.load = measured(pids, lambda: _watch(watch, duration_s, found))
         after = _dropped(reading() for reading in health.values())
         found.dropped = {name: count - before[name] for name, count in after.items()}
-        found.held = why_held(client, (PRESSING,))
+        found.held = why_held(client, (ARMED,) if law is None else (PRESSING,))
     return found
 
 
@@ -133,6 +137,14 @@ def _watch(bus: Bus, duration_s: float, found: CellRun) -> None:
         if accepted is not None and accepted.sensor_stamp_ns is not None:
             age_ns = accepted.at_ns - accepted.sensor_stamp_ns
             found.ages_us["robot"].setdefault(accepted.sensor_seq or 0, age_ns / 1e3)
+
+
+def _by_process(pids: Mapping[str, int]) -> dict[str, int]:
+    """Return the pid of each process by the names of its roles."""
+    roles: dict[int, list[str]] = {}
+    for role, pid in pids.items():
+        roles.setdefault(pid, []).append(role)
+    return {", ".join(names): pid for pid, names in roles.items()}
 
 
 def _dropped(healths: Iterable[Health]) -> dict[str, int]:

@@ -18,7 +18,7 @@ from time import thread_time_ns
 
 import numpy as np
 
-from bench.chain import bare, cell
+from bench.chain import bare, cell, levers
 from bench.chain.load import Load, busy_loops, engine_us
 from bench.harness import Options, Tables
 from bench.results import ROOT, Row
@@ -169,6 +169,7 @@ def measure(options: Options) -> Tables:
         "dropped": dropped(usual.cells),
         "cases": [each.case_row() for each in cases],
         "steps": map(step_row, PARTS),
+        "levers": () if options.quick else levers.rows(rounds, seconds),
     }
 
 

@@ -1,13 +1,21 @@
-# One image for every process of a cell; docker-compose.yml gives each its command.
+# The images of a cell, one for each kind of process: `control` without simulation and page, `sim`,
+# and `panel`, which has the command line and therefore everything. docker-compose.yml gives each
+# container its kind and its command.
 
 FROM python:3.11-slim-bookworm AS build
+ARG KIND=panel
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 RUN python3 -m venv /venv
 WORKDIR /app
-COPY requirements-run.lock ./
-# Wheels only, each with its hash. The C++ headers that come with pin are half of its size.
-RUN /venv/bin/pip install -q --require-hashes --only-binary :all: -r requirements-run.lock \
-    && rm -rf /venv/lib/python3.11/site-packages/cmeel.prefix/include
+COPY requirements-$KIND.lock ./
+# Wheels only, each with its hash. Of pin's files stays what an import loads: not headers, libraries for
+# other programs, or copies under two more names (a wheel holds no links).
+RUN /venv/bin/pip install -q --require-hashes --only-binary :all: \
+        -r requirements-$KIND.lock \
+    && cd /venv/lib/python3.11/site-packages/cmeel.prefix && rm -rf include bin share \
+    && /venv/bin/python -c 'import eigenpy, pinocchio, pathlib; used = open("/proc/self/maps").read().split(); \
+        [file.unlink() for file in pathlib.Path("lib").glob("lib*") if str(file.resolve()) not in used]' \
+    && find /venv -type d -name tests -path '*/numpy/*' -prune -exec rm -rf {} +
 COPY pyproject.toml LICENSE ./
 COPY arms arms
 COPY cells cells
@@ -21,9 +29,10 @@ COPY launch launch
 COPY services services
 COPY sim sim
 COPY tuning tuning
-# The file system is read-only at run time, so byte code is written now.
+# The file system is read-only at run time, so byte code is written now. Nothing is installed later.
 RUN /venv/bin/pip install -q --no-deps --no-build-isolation -e . \
-    && /venv/bin/python -m compileall -q cli common controller forcemesh identification launch services sim tuning
+    && /venv/bin/python -m compileall -q cli common controller forcemesh identification launch services sim tuning \
+    && /venv/bin/pip uninstall -q -y setuptools pip
 
 FROM python:3.11-slim-bookworm
 # pin's libraries want OpenMP, which the slim base does not have.

@@ -10,6 +10,7 @@ STAMP := .venv/.made-from-lock
 CODE := $(wildcard forcemesh common control controller identification tuning services sim launch cli bench examples tests tools)
 LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
         --custom-compile-command "make lock" pyproject.toml
+PART := --no-annotate --extra build -c requirements.lock
 
 # A python asked for by name replaces a .venv that was made with another one.
 ifneq ($(filter command environment,$(firstword $(origin PYTHON))),)
@@ -62,7 +63,7 @@ docs: setup ## write the generated pages; into out/ the wheel of the library and
 	@$(BIN)/python -m tools.pages
 	@$(BIN)/python -m tools.cli_page
 	@cd forcemesh && ../$(BIN)/python -m hatchling build -t wheel -d ../out
-	@$(BIN)/cyclonedx-py requirements requirements-run.lock --pyproject pyproject.toml --output-reproducible \
+	@$(BIN)/cyclonedx-py requirements requirements-panel.lock --pyproject pyproject.toml --output-reproducible \
 	  --sv 1.6 --of JSON -o out/sbom.cdx.json && echo out/sbom.cdx.json
 
 PROFILE ?=
@@ -78,16 +79,18 @@ up: ## bring the simulated cell up in containers; PROFILE=real CELL=my-cell.yaml
 down: ## take the containers down, of whichever profile
 	@$(COMPOSE) $(ALL) down $(ARGS)
 
-compose-test: setup ## build the image, bring the containers up, break and attack them (77: no engine): ARGS="--profile sim"
+compose-test: setup ## build the images, bring the containers up, break and attack them (77: no engine): ARGS="--profile sim"
 	@$(BIN)/python -m tests.compose $(ARGS)
 
 pki: setup ## make the certificates of the bus and tell docker compose (.env) where they are: ARGS="--host labpc"
 	@$(BIN)/forcemesh pki init --env .env $(ARGS)
 
-lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
+lock: ## write the locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }
 	@$(UV) $(LOCK) $(ARGS) --all-extras -o requirements.lock
-	@$(UV) $(LOCK) --no-annotate --extra build --extra cli --extra robotiq --extra bota -c requirements.lock -o requirements-run.lock
+	@$(UV) $(LOCK) $(PART) --extra recorder --extra robotiq --extra bota -o requirements-control.lock
+	@$(UV) $(LOCK) $(PART) --extra sim -o requirements-sim.lock
+	@$(UV) $(LOCK) $(PART) --extra cli --extra robotiq --extra bota -o requirements-panel.lock
 
 clean: ## remove .venv, caches and what runs have written
 	@rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .run out

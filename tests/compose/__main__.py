@@ -1,4 +1,4 @@
-"""Container test: build the image, start the containers, inject faults, attack, take them down.
+"""Container test: build the images, start the containers, inject faults, attack, take them down.
 
 `make compose-test ARGS="--profile sim"` uses the running Docker engine; without one, and as root,
 it starts its own in a separate network namespace, with a substitute for the base image made from
@@ -35,7 +35,7 @@ HERE = Path(__file__).parent
 NO_ENGINE = 77
 PROFILES = ("sim", "emulated")
 OWN_TOOLS = ("dockerd", "docker", "ip", "nsenter", "chroot", "dpkg", "python3.11")
-IMAGE = "forcemesh:local"
+KINDS = ("control", "sim", "panel")
 BASE = "python:3.11-slim-bookworm"
 SETTINGS = "/usr/local/bin:/usr/local/sbin:/usr/sbin:/usr/bin:/sbin:/bin"
 WHEELS = ROOT / "out" / "wheels"
@@ -53,6 +53,9 @@ def main() -> int:
     parser.add_argument(
         "--optional", action="store_true", help="exit code 0 if no engine is available"
     )
+    parser.add_argument(
+        "--short", action="store_true", help="the profile sim alone, one fault of each kind"
+    )
     given = parser.parse_args()
     # Take everything down also on termination.
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -65,6 +68,8 @@ def main() -> int:
             with engine(Path(scratch) / "engine") as namespace:
                 build()
                 make_certificates(Path(scratch))
+                if given.short:
+                    return check("sim", namespace, "--short")
                 codes = [check(profile, namespace) for profile in given.profile or PROFILES]
                 return max(*codes, check_profiles(compose_command(), namespace))
         except NoEngineError as error:
@@ -130,21 +135,28 @@ def engine(folder: Path) -> Iterator[str]:
 def fetch_wheels() -> None:
     """Download the locked packages for the base image: the engine reaches no package index."""
     command = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check"]
-    exactly = ["--require-hashes", "--only-binary", ":all:", "-r", "requirements-run.lock"]
+    exactly = ["--require-hashes", "--only-binary", ":all:", "-d", str(WHEELS)]
     WHEELS.mkdir(parents=True, exist_ok=True)
-    subprocess.run([*command, *exactly, "-d", str(WHEELS)], check=True, cwd=ROOT, timeout=PIP_S)
+    for lock in (f"requirements-{kind}.lock" for kind in KINDS):
+        subprocess.run([*command, *exactly, "-r", lock], check=True, cwd=ROOT, timeout=PIP_S)
 
 
 def build() -> None:
-    """Build the image; print build time and size."""
-    began_s = time.monotonic()
+    """Build the images; print build time, and size with and without the base image."""
     # Without buildx only the old builder is available on every engine.
     builder = os.environ.get("DOCKER_BUILDKIT", "0")
-    words = ["docker", "build", "-q", "-t", IMAGE, *revision(), "."]
-    run(*words, timeout_s=BUILD_S, DOCKER_BUILDKIT=builder)
-    size = run("docker", "image", "inspect", "-f", "{{.Size}}", IMAGE)
-    took_s = time.monotonic() - began_s
-    print(f"image: built in {took_s:.0f} s, {int(size) / 1e6:.0f} MB", flush=True)
+    for kind in KINDS:
+        began_s, image = time.monotonic(), f"forcemesh-{kind}:local"
+        words = ["docker", "build", "-q", "-t", image, "--build-arg", f"KIND={kind}", *revision()]
+        run(*words, ".", timeout_s=BUILD_S, DOCKER_BUILDKIT=builder)
+        took_s, size_MB = time.monotonic() - began_s, size_of(image)
+        own = f"{size_MB:.0f} MB, {size_MB - size_of(BASE):.0f} without the base"
+        print(f"image {kind}: built in {took_s:.0f} s, {own}", flush=True)
+
+
+def size_of(image: str) -> float:
+    """Return the size of an image [MB]."""
+    return int(run("docker", "image", "inspect", "-f", "{{.Size}}", image)) / 1e6
 
 
 def revision() -> list[str]:
@@ -165,14 +177,16 @@ def make_certificates(scratch: Path) -> None:
         os.environ[f"FORCEMESH_{name.upper()}"] = str(scratch / name)
 
 
-def check(profile: str, namespace: str) -> int:
+def check(profile: str, namespace: str, *options: str) -> int:
     """Start a profile, check it, take it down in any case; return the exit code."""
     compose = Compose(profile, compose_command())
     began_s = time.monotonic()
     try:
         compose("up", "-d", "--no-build")
         environment = {**os.environ, "FORCEMESH_ENDPOINT": "tls/127.0.0.1:7447"}
-        words = in_namespace(namespace, sys.executable, "-m", "tests.compose.checks", profile)
+        words = in_namespace(
+            namespace, sys.executable, "-m", "tests.compose.checks", profile, *options
+        )
         code = subprocess.run(
             words, cwd=ROOT, env=environment, check=False, timeout=CHECK_S
         ).returncode

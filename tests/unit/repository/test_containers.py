@@ -24,6 +24,8 @@ from tests.fakes.compose_file import (
     profile,
     roles_of,
 )
+from tests.unit.repository.test_dependencies import EXTRAS
+from tests.unit.repository.test_repository import IMAGE_EXTRAS
 
 ENDPOINT = "${FORCEMESH_BUS:-tcp}/hub:7447"
 HUB, PANEL = (f"${{FORCEMESH_PUBLISH_{port}:-127.0.0.1}}" for port in ("HUB", "PANEL"))
@@ -72,6 +74,17 @@ def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
     """Each profile is a whole cell, in which no two containers write the same topics."""
     played = sorted(role for name in profile(word) for role in roles_of(name))
     assert played == sorted((*ROLES, *HELPERS))
+
+
+@service
+def test_image_of_a_container_has_what_its_process_imports(name: str) -> None:
+    """A kind for each container; those that judge a cell file need the base alone."""
+    entry = SERVICES[name]
+    kind = entry["build"]["args"]["KIND"]
+    assert entry["image"] == f"forcemesh-{kind}:local"
+    extras = EXTRAS["services.wrench" if name in STATE_CELL else entry["command"][2]]
+    assert set(extras) <= set(IMAGE_EXTRAS[kind])
+    assert (ROOT / f"requirements-{kind}.lock").exists()
 
 
 @process
@@ -215,12 +228,15 @@ def test_build_copies_what_is_let_in_and_installs_the_versions_of_the_lock() -> 
     """With hashes, or the checkout itself without dependencies; each copied path exists."""
     build = dockerfile_stages()[0]
     installs = [line for line in build if "pip install" in line]
-    locked = "--require-hashes --only-binary :all: -r requirements-run.lock"
+    locked = "--require-hashes --only-binary :all:"
+    assert "requirements-$KIND.lock" in "\n".join(build)
     own = "--no-deps --no-build-isolation -e ."
     assert [locked in line or own in line for line in installs] == [True, True]
     ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     let_in = {line.removeprefix("!") for line in ignore if line.startswith("!")}
     lines = [line.split()[1:-1] for line in build if line.startswith("COPY ")]
-    copied = {source for line in lines for source in line}
+    copied = {
+        source.replace("$KIND", kind) for line in lines for source in line for kind in IMAGE_EXTRAS
+    }
     assert copied == let_in
     assert all((ROOT / source).exists() for source in copied)

@@ -1,4 +1,4 @@
-"""`make compose-test` without containers: its message without an engine, and its repeats."""
+"""`make compose-test` without containers: its message without an engine, the holds it accepts."""
 
 import os
 import subprocess
@@ -12,8 +12,10 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
+from forcemesh.faults import tripped
+from forcemesh.messages import ArbiterState, ArbiterStatus, Trip
 from tests.compose import __main__ as compose_test
-from tests.compose.rig import MOST_REPEATS, Operator, RequirementError
+from tests.compose.rig import MOST_HOLDS, Operator, RequirementError
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -43,61 +45,68 @@ def test_checks_that_a_signal_ended_have_not_passed(
     assert compose_test.check("sim", "") == code
 
 
-class Machine:
-    """Report of a witness about a machine that stood still for so long."""
-
-    def __init__(self, stalled_s: float) -> None:
-        self.stalled_s = stalled_s
-
-    def worst_s(self, since_ns: int, until_ns: int) -> float:
-        """Return it for any window."""
-        assert since_ns < until_ns
-        return self.stalled_s
-
-
-class Broken:
-    """A promise that is broken the first times, and how often it was asked for."""
+class Pressing:
+    """An action that a hold ends the first times."""
 
     def __init__(self, times: int) -> None:
         self.times, self.asked = times, 0
 
     def __call__(self) -> str:
-        """Break it, or keep it."""
+        """Be held, or end well."""
         self.asked += 1
         if self.asked <= self.times:
-            raise RequirementError("not within 40 s")
-        return "kept"
+            raise RequirementError("HOLDING while it presses")
+        return "steady"
 
 
 @pytest.fixture
-def at_home(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the arm be at home at once."""
+def operator(monkeypatch: pytest.MonkeyPatch) -> Operator:
+    """Return the operator of an arm that rests, and is home at once."""
+    monkeypatch.setattr(Operator, "rests", lambda *_: None)
     monkeypatch.setattr(Operator, "retreat", lambda _: None)
-
-
-def operator(stalled_s: float) -> Operator:
-    """Return the operator of a cell on such a machine."""
     cell, transport = load_cell(ROOT / "cells" / "demo.yaml"), MemoryTransport()
-    bus = Bus(topics.CLIENT, cell.cell, transport, cell, ManualClock())
-    return Operator(cell, bus, Machine(stalled_s))  # type: ignore[arg-type]
+    return Operator(cell, Bus(topics.CLIENT, cell.cell, transport, cell, ManualClock()))
 
 
-@pytest.mark.usefixtures("at_home")
-@pytest.mark.parametrize(("stalled_s", "times"), [(0.0, 1), (0.09, 1), (0.2, 2)])
-def test_a_broken_promise_stays_broken(stalled_s: float, times: int) -> None:
-    """On a machine that went on, or was late by less than the deadline; and the second time."""
-    broken = Broken(times)
-    with pytest.raises(RequirementError):
-        operator(stalled_s).again_after_a_stall(broken)
-    assert broken.asked == times
+def hold(operator: Operator, *trips: Trip, state: ArbiterState = "FAULT") -> None:
+    """Publish a status of the arbiter."""
+    bus = operator.client
+    arbiter = Bus("arbiter", bus.cell, bus.transport, operator.cell, bus.clock)
+    status = ArbiterStatus(state=state, trips=trips)
+    arbiter.publisher(topics.ARBITER_STATUS).put(status)
 
 
-@pytest.mark.usefixtures("at_home")
-def test_after_a_stall_it_is_tried_once_more_some_times_in_all() -> None:
-    """Each of them is counted."""
-    someone = operator(0.2)
-    for count in range(1, MOST_REPEATS + 1):
-        assert someone.again_after_a_stall(Broken(1)) == "kept"
-        assert someone.repeats == count
-    with pytest.raises(RequirementError):
-        someone.again_after_a_stall(Broken(1))
+def late(age_ms: int) -> Trip:
+    """Return the trip of a late robot."""
+    return tripped("stale", f"robot/state stale: {age_ms} ms old, limit 100 ms")
+
+
+def test_a_hold_in_time_for_a_late_process_is_passed_and_the_action_repeated(
+    operator: Operator,
+) -> None:
+    """A few times: a machine on which each press ends so is none to test on."""
+    hold(operator, late(105), tripped("overrun", "wrench was late 4 times within a second"))
+    assert operator.again_after_a_late_hold(Pressing(MOST_HOLDS)) == "steady"
+    assert operator.holds == MOST_HOLDS
+    with pytest.raises(RequirementError, match="HOLDING"):
+        operator.again_after_a_late_hold(Pressing(MOST_HOLDS + 1))
+
+
+@pytest.mark.parametrize(
+    ("trips", "state", "text"),
+    [
+        ((late(105), tripped("force", "force 50 N")), "FAULT", "held for {'force'}"),
+        ((late(400),), "FAULT", "held only after 400 ms"),
+        ((), "FAULT", "HOLDING"),
+        ((late(105),), "ACTIVE", "HOLDING"),
+    ],
+)
+def test_any_other_end_fails(
+    operator: Operator, trips: tuple[Trip, ...], state: ArbiterState, text: str
+) -> None:
+    """A wrong reason, a hold that came too late, or none."""
+    hold(operator, *trips, state=state)
+    pressing = Pressing(1)
+    with pytest.raises(RequirementError, match=text):
+        operator.again_after_a_late_hold(pressing)
+    assert (pressing.asked, operator.holds) == (1, 0)

@@ -31,7 +31,7 @@ COPY sim sim
 COPY tuning tuning
 # The file system is read-only at run time, so byte code is written now. Nothing is installed later.
 RUN /venv/bin/pip install -q --no-deps --no-build-isolation -e . \
-    && /venv/bin/python -m compileall -q cli common controller forcemesh identification launch services sim tuning \
+    && /venv/bin/python -m compileall -q cli common control controller forcemesh identification launch services sim tuning \
     && /venv/bin/pip uninstall -q -y setuptools pip
 
 FROM python:3.11-slim-bookworm
@@ -42,7 +42,7 @@ RUN ldconfig -p | grep -q libgomp.so.1 \
 ARG VERSION=0.1.0
 ARG REVISION=unknown
 LABEL org.opencontainers.image.title="forcemesh" \
-      org.opencontainers.image.description="Open force control for Kawasaki arms: every process of a cell" \
+      org.opencontainers.image.description="Open force control for Kawasaki arms: processes of a cell" \
       org.opencontainers.image.licenses="Apache-2.0" \
       org.opencontainers.image.version=$VERSION \
       org.opencontainers.image.revision=$REVISION
@@ -57,4 +57,3 @@ COPY --from=build /venv /venv
 COPY --from=build /app /app
 WORKDIR /app
 USER 10001:10001
-CMD ["forcemesh", "--help"]

@@ -95,7 +95,7 @@ class Publisher(Generic[M]):
         Args:
             message: The message.
             origin: Sensor sample on which it is based.
-            at_ns: When its values were true, if that was before now.
+            at_ns: Time at which its values were measured [ns]; None: now.
         """
         self.seq += 1
         header = Header(

@@ -85,10 +85,10 @@ ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "comm
 ROBOT_SIGNALS    = Topic("robot/signals",    m.RobotSignals,    "status",  "status",  "robot",     (CLIENT,),                                          "report", "state of the digital signals that the cell file names, when it names any", occasional=True)
 SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
 WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw values alongside")
-REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("arbiter", CLIENT),                                "stream", "proposed flange pose, mode, contact state, reason when not valid")
+REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
 CONTACT          = Topic("contact",          m.ContactEvent,    "status",  "status",  "regulator", ("wrench", CLIENT),                                 "report", "state of the contact at each change and at the status rate: impact, contact, sliding, lost")
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
-ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("wrench", "regulator", CLIENT),                    "report", "state, commander, every tripped limit with its value, what clears it")
+ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, commander, every tripped limit with its value, what clears it")
 
 RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "state and file of the recording, lost messages, time span of the ring buffer")
 

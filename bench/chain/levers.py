@@ -1,4 +1,4 @@
-"""What made the chain lighter: the cell before and after, and its variants, in turn in one run."""
+"""Comparison of the cell before and after its levers, and of its variants, in turn in one run."""
 
 import json
 import subprocess
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from bench.chain import bare, cell
-from bench.chain.load import engine_us
 from bench.results import ROOT, Row
 from common.motion.frames import Array
 from forcemesh.messages import Law
@@ -41,7 +40,9 @@ pct = sum(each.cpu_pct for each in run.load.values())
 print(json.dumps([pct, run.chain_us.tolist(), run.held]))
 """
 
-Measured = tuple[float, float, float]  # processor [% of a core], p50, p99 [us]
+QUANTITIES = ("processor_core_pct", "p50_us", "p99_us")
+RATIOS = ("cpu_ratio", "p50_ratio", "p99_ratio")
+Measured = tuple[float, ...]  # the quantities
 
 
 def rows(rounds: int, duration_s: float) -> Iterator[Row]:
@@ -49,7 +50,7 @@ def rows(rounds: int, duration_s: float) -> Iterator[Row]:
 
     Rounds in which the arm held have no numbers; they are counted.
     """
-    engine_pct, held = engine_us() / 10.0, defaultdict[str, int](int)
+    held = defaultdict[str, int](int)
     found: defaultdict[str, list[Measured]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as folder:
         _git("worktree", "add", "--detach", folder, BEFORE)
@@ -58,30 +59,25 @@ def rows(rounds: int, duration_s: float) -> Iterator[Row]:
                 for name, (pct, times_us, why) in _round(folder, duration_s):
                     held[name] += bool(why)
                     if not why:
-                        of_engine = 0.0 if name == BARE else engine_pct
-                        found[name].append((pct - of_engine, *np.percentile(times_us, [50, 99])))
+                        found[name].append((pct, *np.percentile(times_us, [50, 99])))
         finally:
             _git("worktree", "remove", "--force", folder)
     medians = {name: tuple(map(median, zip(*each, strict=True))) for name, each in found.items()}
-    bare_pct, bare_p50_us, bare_p99_us = medians[BARE]
-    for name, (pct, p50_us, p99_us) in medians.items():
-        yield {
-            "cell": name,
-            "processor_core_pct": pct,
-            "p50_us": p50_us,
-            "p99_us": p99_us,
-            "cpu_ratio": pct / bare_pct,
-            "p50_ratio": p50_us / bare_p50_us,
-            "p99_ratio": p99_us / bare_p99_us,
-            "rounds_held": held[name],
-        }
+    for name, count in held.items():
+        values = medians.get(name, (None,) * len(QUANTITIES))
+        ratios = [
+            None if value is None else value / plain
+            for value, plain in zip(values, medians[BARE], strict=True)
+        ]
+        row = dict(zip((*QUANTITIES, *RATIOS), (*values, *ratios), strict=True))
+        yield {"cell": name, **row, "rounds_held": count}
 
 
 def _round(folder: str, duration_s: float) -> Iterator[tuple[str, tuple[float, Array, str]]]:
     """Yield processor time, times and why the arm held of each lever, and of the bare chain."""
     words = [sys.executable, "-c", IN_ANOTHER_TREE, json.dumps(RATES), str(duration_s)]
     done = subprocess.run(
-        words, cwd=folder, capture_output=True, text=True, check=True, timeout=WITHIN_S
+        words, cwd=folder, stdout=subprocess.PIPE, text=True, check=True, timeout=WITHIN_S
     )
     pct, times_us, held = json.loads(done.stdout.splitlines()[-1])
     yield f"before, at {BEFORE}", (pct, np.array(times_us), held)

@@ -74,10 +74,10 @@ class WrenchService:
         self._put_after_ns = round((self.period_s - 0.5 / cell.rates.sensor_hz) * NS_PER_S)
         self._report: RobotState | None = None  # the last one without a fault
         self._T_base_flange: pin.SE3 | None = None  # of this report, None without an orientation
-        of_period = ceil(cell.rates.sensor_hz / cell.rates.control_hz)
-        self._sensor = bus.reader(topics.SENSOR_WRENCH, of_period)
+        samples = ceil(cell.rates.sensor_hz / cell.rates.control_hz)  # of a period
+        self._sensor = bus.reader(topics.SENSOR_WRENCH, room=samples)
         self._robot = bus.reader(topics.ROBOT_STATE)
-        self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._target = bus.reader(topics.REGULATOR_TARGET)
         self._contact = bus.reader(topics.CONTACT)
         self._out = bus.publisher(topics.WRENCH)
         self._requests: tuple[tuple[Inbox[Any], Callable[[RequestContext, Any], Reply]], ...] = (
@@ -112,13 +112,13 @@ class WrenchService:
             self._filter_one(sensor, robot, now_ns)
         for inbox, answer in self._requests:
             for each in inbox.take_all():
-                arbiter = self._arbiter.read(now_ns).fresh
+                target = self._target.read(now_ns).fresh
                 context = RequestContext(
                     now_ns,
                     self._fault,
                     self._T_base_flange,
                     moving=self._report is not None and self._report.status.moving,
-                    feedback_runs=arbiter is not None and arbiter.commander == "regulator",
+                    feedback_runs=target is not None and target.valid,
                     contact=self._contact.read(now_ns).fresh,
                 )
                 each.reply(answer(context, each.request))

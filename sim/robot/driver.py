@@ -113,6 +113,8 @@ class SimDriver(RobotDriver):
         """Follow a set point; the first one is where the arm is."""
         if begins:
             return None
+        if self._motion.state in BUSY:  # it may end before this set point
+            self._make_up()
         result = self._motion.solved(T_base_flange)
         if result.q is None:
             return tripped("robot_refuses", result.reason)

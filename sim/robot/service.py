@@ -9,7 +9,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.messages import ZERO3, SensorWrench, Vec3
 from sim.robot.arm import SimArm
-from sim.robot.driver import TICK_NS, SimDriver
+from sim.robot.driver import MOST_TICKS_PER_STEP, TICK_NS, SimDriver
 from sim.robot.ft_sensor import FtStatus
 from sim.robot.settings import TICK_S
 from sim.robot.trace import trace_from_environment
@@ -41,8 +41,8 @@ class SimRobot(RobotService):
         self._sensor = sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         driver.after_tick.append(sensor.ticked)
         driver.wake_ticks = gcd(driver.state_ticks, sensor.ticks)
-        is_slow = driver.state_ticks * TICK_S > 1.0 / cell.rates.control_hz
-        if driver.state_ticks % sensor.ticks == 0 and not is_slow:
+        most_ticks = min(MOST_TICKS_PER_STEP, round(1.0 / cell.rates.control_hz / TICK_S))
+        if driver.state_ticks % sensor.ticks == 0 and driver.state_ticks <= most_ticks:
             driver.wake_ticks = driver.state_ticks
         self.period_s = driver.wake_ticks * TICK_S
         if (trace := trace_from_environment(self.arm, bus.clock)) is not None:
@@ -55,10 +55,12 @@ class SimRobot(RobotService):
         """
         due_ns = self.due_ns
         with self._transport.gathered():
-            super().step(now_ns)
-            with self._transport.gathered():
-                if now_ns >= due_ns:
-                    self._sensor.publish()
+            try:
+                super().step(now_ns)
+            finally:
+                with self._transport.gathered():
+                    if now_ns >= due_ns:
+                        self._sensor.publish()
 
     def counters(self) -> dict[str, int]:
         """Return the counters of commands and of lost time."""
@@ -77,7 +79,8 @@ class SensorFeed:
     def __init__(self, sensor_bus: Bus, cell: CellConfig, arm: SimArm) -> None:
         """Claim the sensor topic as publisher."""
         self._arm, self._clock = arm, sensor_bus.clock
-        self._waiting: list[tuple[int, SensorWrench]] = []  # ticks of the arm, and sample
+        self._waiting: list[SensorWrench] = []
+        self._published_ns = sensor_bus.clock.now_ns()
         self.ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
         self._wrench = sensor_bus.publisher(topics.SENSOR_WRENCH)
 
@@ -108,10 +111,17 @@ class SensorFeed:
             status=status,
             counter=self._arm.ticks // self.ticks,
         )
-        self._waiting.append((self._arm.ticks, message))
+        self._waiting.append(message)
 
     def publish(self) -> None:
-        """Publish the samples taken since the last call: the last tick of the arm is now."""
-        now_ns, taken, self._waiting = self._clock.now_ns(), self._waiting, []
-        for ticks, message in taken:
-            self._wrench.put(message, at_ns=now_ns - (self._arm.ticks - ticks) * TICK_NS)
+        """Publish the samples taken since the last call, the last of them now.
+
+        The others have the times of their ticks before it, or less apart after a late call: a
+        reader divides by the time between two samples.
+        """
+        now_ns, count = self._clock.now_ns(), len(self._waiting)
+        apart_ns = min(self.ticks * TICK_NS, (now_ns - self._published_ns) // max(count, 1))
+        for number, message in enumerate(self._waiting, 1):
+            self._wrench.put(message, at_ns=now_ns - (count - number) * apart_ns)
+        if count:
+            self._waiting, self._published_ns = [], now_ns

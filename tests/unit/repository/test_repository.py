@@ -181,7 +181,7 @@ def test_ci_runs_the_commands_that_a_person_runs() -> None:
         "make test",
         ".venv/bin/python -m tests.chaos --short",
         ".venv/bin/python -m pytest -q -m browser tests/browser",
-        'make compose-test ARGS="--short --optional"',
+        'timeout --kill-after=60 600 make compose-test ARGS="--short --optional"',
     ]
     assert run("bash", "-n", script).returncode == 0
 

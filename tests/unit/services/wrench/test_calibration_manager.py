@@ -10,7 +10,7 @@ from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
 from common.runtime.service import HasNumbers
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus, RobotStatus
+from forcemesh.messages import RegulatorTarget, RobotStatus
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
 from services.wrench.active_calibration import HEAVIER, initial_calibration
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
@@ -213,11 +213,11 @@ def test_tare_and_calibration_are_refused_while_force_feedback_runs(bench: Wrenc
     """The regulator would respond with motion."""
     publish_inputs = bench.before_step
 
-    def publish_arbiter_too() -> None:
+    def publish_regulator_too() -> None:
         publish_inputs()
-        bench.put(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE", commander="regulator"))
+        bench.put(topics.REGULATOR_TARGET, RegulatorTarget(mode="position"))
 
-    bench.before_step = publish_arbiter_too
+    bench.before_step = publish_regulator_too
     bench.step()
     assert bench.ask(topics.TARE, Empty()).code == "busy"
     assert send_calibration(bench, demo_calibration()).code == "busy"

@@ -82,13 +82,14 @@ def test_a_state_is_published_at_its_tick_after_a_stall(stall_ms: int) -> None:
         (250, 1000, 500, 1),  # no sample waits for longer than a control period
         (500, 250, 250, 2),
         (125, 125, 125, 8),
+        (10, 50, 10, 20),  # a robot makes up so many ticks and no more
         (200, 500, 200, 1),  # the reports have no common tick with the samples
     ],
 )
 def test_samples_are_published_with_the_report_and_the_times_of_their_ticks(
     robot_hz: float, sensor_hz: float, control_hz: float, wake_ticks: int
 ) -> None:
-    """All of them, in order; a sample waits for a control period at most."""
+    """All of them, in order, once each; a sample waits for a control period at most."""
     cell = cell_with(
         rates__robot_hz=robot_hz, rates__sensor_hz=sensor_hz, rates__control_hz=control_hz
     )
@@ -102,10 +103,40 @@ def test_samples_are_published_with_the_report_and_the_times_of_their_ticks(
         clock.advance_ns(TICK_NS)
         if runner.step(clock.now_ns()):
             found = samples.readings(clock.now_ns())
-            headers = [reading.header for reading in found if not reading.fault]
-            offsets_ns += [header.stamp_ns - began_ns for header in headers if header]
+            stamps_ns = [header.stamp_ns for each in found if (header := each.header) is not None]
+            fresh_ns = [each for each in stamps_ns if each - began_ns > max(offsets_ns, default=0)]
+            assert all(clock.now_ns() - each <= 1e9 / control_hz for each in fresh_ns)
+            offsets_ns += [each - began_ns for each in fresh_ns]
     period_ns = round(1e9 / sensor_hz)
-    assert sorted(set(offsets_ns)) == [*range(period_ns, 40 * TICK_NS + 1, period_ns)]
+    assert offsets_ns == [*range(period_ns, 40 * TICK_NS + 1, period_ns)]
+
+
+def test_the_times_of_samples_increase_also_after_a_late_step() -> None:
+    """A reader divides by them, and takes none for a repetition or a jump."""
+    clock, transport = ManualClock(), MemoryTransport()
+    robot = SimRobot(Bus("robot", CELL.cell, transport, CELL, clock), CELL)
+    client, runner = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock), Runner(robot, [], clock)
+    samples, stamps_ns = client.reader(topics.SENSOR_WRENCH, 100), list[int]()
+    for wait_ms in (4.0, 6.5, 1.5, 4.0, 30.0, 2.0, 4.0, 4.0):
+        clock.advance_ns(round(wait_ms * TICK_NS))
+        runner.step(clock.now_ns())
+        headers = [each.header for each in samples.readings(clock.now_ns())]
+        stamps_ns += [header.stamp_ns for header in headers if header is not None]
+    apart_ns = np.diff(sorted(set(stamps_ns)))
+    assert len(apart_ns) >= 24
+    assert apart_ns.min() >= TICK_NS // 2
+
+
+def test_samples_go_out_also_from_a_step_that_breaks_off() -> None:
+    """The sensor is a role of its own, and nothing piles up."""
+    clock, transport = ManualClock(), MemoryTransport()
+    robot = SimRobot(Bus("robot", CELL.cell, transport, CELL, clock), CELL)
+    samples = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.SENSOR_WRENCH)
+    robot.driver.signals = lambda: 1 / 0  # type: ignore[method-assign,assignment,return-value]
+    clock.advance_ns(4 * TICK_NS)
+    with pytest.raises(ZeroDivisionError):
+        robot.step(clock.now_ns())
+    assert samples.poll()
 
 
 Action = Callable[[SimDriver], object]
@@ -153,3 +184,20 @@ def test_a_command_acts_from_the_tick_of_its_arrival(
         }[kind]
     fine, coarse = commanded(1, actions, 64), commanded(wake_ticks, actions, 64)
     assert np.array(coarse) == pytest.approx(np.array(fine), abs=1e-9)
+
+
+def test_a_set_point_right_after_a_goal_is_followed() -> None:
+    """The goal may have ended since the last wake-up."""
+    T = SimArm(SimSettings.of(CELL), seed=0).T_base_flange
+    near = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-5]))
+    goal = Goal(id=1, kind="pose", pose=record_of(near))
+    driver = SimDriver(CELL, 0)
+    driver.wake_ticks = 8
+    for tick in (1, 7):
+        driver.receive(tick * TICK_NS)
+        if tick == 1:
+            assert driver.goal(goal, Speed()) == ""
+        else:
+            assert driver.explains_motion  # as far as is known
+            assert driver.stream(T, begins=False) is None
+        driver.report()

@@ -84,12 +84,23 @@ def late(age_ms: int) -> Trip:
 def test_a_hold_in_time_for_a_late_process_is_passed_and_the_action_repeated(
     operator: Operator,
 ) -> None:
-    """A few times: a machine on which each press ends so is none to test on."""
+    """A few times in all: a machine on which each press ends so is none to test on."""
     hold(operator, late(105), tripped("overrun", "wrench was late 4 times within a second"))
     assert operator.again_after_a_late_hold(Pressing(MOST_HOLDS)) == "steady"
     assert operator.holds == MOST_HOLDS
     with pytest.raises(RequirementError, match="HOLDING"):
-        operator.again_after_a_late_hold(Pressing(MOST_HOLDS + 1))
+        operator.again_after_a_late_hold(Pressing(1))
+
+
+def test_a_process_that_was_restarted_was_not_late(
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It crashed, and its silence looks the same from outside."""
+    pids = iter([{"wrench": 7, "arbiter": 8}, {"wrench": 9, "arbiter": 8}])
+    monkeypatch.setattr(operator, "pids", lambda: next(pids))
+    hold(operator, late(105))
+    with pytest.raises(RequirementError, match=r"'wrench'\} ended"):
+        operator.again_after_a_late_hold(Pressing(1))
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,11 @@ from tests.chaos.common_net import free_port
 
 T = TypeVar("T")
 ChainKind = Literal["zenoh", "pyzmq", "tcp"]
+CHAINS: dict[ChainKind, str] = {
+    "zenoh": "bare chain over the cell's router",
+    "pyzmq": "bare chain over pyzmq",
+    "tcp": "bare chain over TCP",
+}
 Receive = Callable[[], bytes]
 Send = Callable[[bytes], object]
 

@@ -65,11 +65,6 @@ def step_times_us(name: str, timed_s: float = TIMED_S) -> list[float]:
     return times_us
 
 
-CHAINS: dict[bare.ChainKind, str] = {
-    "zenoh": "bare chain over the cell's router",
-    "pyzmq": "bare chain over pyzmq",
-    "tcp": "bare chain over TCP",
-}
 PERCENTILES = {"p50_us": 50.0, "p99_us": 99.0, "p99.9_us": 99.9, "max_us": 100.0}
 # Ratio of the cell to the bare chain over Zenoh that is a regression: the one on docs/chain.md and
 # a quarter more, which covers other machines and days; times may double without SCHED_FIFO, which
@@ -108,7 +103,7 @@ class Comparison:
         found, ours = _row(loads, times), self.row()
         compared = {"cpu": "processor_core_pct", "p50": "p50_us", "p99": "p99_us"}
         ratios = {f"{short}_ratio": ours[name] / found[name] for short, name in compared.items()}
-        return {"chain": CHAINS[kind], **found, **ratios}
+        return {"chain": bare.CHAINS[kind], **found, **ratios}
 
     def case_row(self) -> Row:
         """Return the case with its result relative to the bare chain over Zenoh."""
@@ -138,7 +133,7 @@ def cell_of(case: Row) -> CellConfig:
 
 def compare(case: Row, rounds: int, duration_s: float) -> Comparison:
     """Measure cell and bare chains in turn."""
-    found = Comparison(case, [], [], {kind: [] for kind in CHAINS}, engine_us() / 10.0)
+    found = Comparison(case, [], [], {kind: [] for kind in bare.CHAINS}, engine_us() / 10.0)
     realtime, rate_hz = case["priority"] == SCHED_FIFO, float(case["control_hz"])
     with busy_loops(case["busy_loops"]):
         for _ in range(rounds):
@@ -163,7 +158,7 @@ def measure(options: Options) -> Tables:
     cases = [usual, *(compare(case, 1, seconds) for case in others)]
     return {
         "limits": limits(usual.bare_row("zenoh")),
-        "chains": [usual.row(), *map(usual.bare_row, CHAINS)],
+        "chains": [usual.row(), *map(usual.bare_row, bare.CHAINS)],
         "hops": hops(usual.cells),
         "processes": processes(usual.cells),
         "dropped": dropped(usual.cells),

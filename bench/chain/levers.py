@@ -19,7 +19,7 @@ from forcemesh.messages import Law
 BEFORE = "7f9c5778"  # the last commit before these levers
 RATES = {"rates.sensor_hz": 500, "rates.control_hz": 250}
 ADAPTIVE: Law = "adaptive"
-BARE = "bare chain over the cell's router"
+BARE = bare.CHAINS["zenoh"]
 LEVERS: dict[str, tuple[dict[str, Any], Law | None]] = {  # changes of the cell file, law
     "as it is: fewer wake-ups": ({}, ADAPTIVE),
     "wrench, regulator together": ({"together": ["wrench", "regulator"]}, ADAPTIVE),

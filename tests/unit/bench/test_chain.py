@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bench.chain import bare
+from bench.chain.bare import CHAINS
 from bench.chain.cell import CellRun
 from bench.chain.compare import (
-    CHAINS,
     OTHERS,
     USUAL,
     Comparison,

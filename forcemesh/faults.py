@@ -122,7 +122,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(513, "wait",              "REFUSAL", "not enough samples yet", "retry in a moment"),
     FaultCode(514, "moving",            "REFUSAL", "the arm is moving", "wait until it is at rest"),
     FaultCode(515, "contact",           "REFUSAL", "the tool seems to be in contact", "move the tool into free space"),
-    FaultCode(516, "approach_speed",    "REFUSAL", "the approach is too fast for the stiffness: it must not exceed force budget / (stiffness x reaction time)", "lower force.approach_m_s"),
+    FaultCode(516, "approach_speed",    "REFUSAL", "the approach is too fast for the stiffness: it must not exceed force budget / (stiffness x reaction time), and must stay below the ceiling while readings are late", "lower force.approach_m_s, or deadlines.sensor_s"),
     FaultCode(517, "payload",           "REFUSAL", "the payload is not calibrated for this tool, the tool is heavier than contact.inertia_kg, or the residual in free space is too large", "if in contact, arm for jog, then `forcemesh retract`; else calibrate, tare in free space, or write the tool's mass into contact.inertia_kg"),
     FaultCode(518, "preempted",         "HOLD",    "a commander of a higher rank took over the arm; it stays armed", "wait until the arm is free, then retry"),
     FaultCode(519, "handover",          "HOLD",    "the arm did not come to rest, so the next commander did not start", "find what keeps it moving, then arm"),

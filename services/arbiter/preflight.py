@@ -18,6 +18,7 @@ from common.motion.convert import pose_of
 from common.motion.limits import Limits, check_workspace, check_wrench
 from control.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 from control.monitors import unchecked_axes
+from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip
@@ -170,6 +171,17 @@ def contact_trips(cell: CellConfig) -> Iterator[Trip]:
             f"loop delay) allows {limit * 1e3:.2f} mm/s"
         )
         yield tripped("approach_speed", text, value=value, limit=limit)
+    # Whatever a regulator does, the arbiter stops it when readings are late.
+    deadline_s = max(cell.stale_after_s(each) for each in (topics.SENSOR_WRENCH, topics.WRENCH))
+    unseen_N, ceiling_N = k * value * (deadline_s + plant.tau_s), cell.limits.force_N
+    if unseen_N > ceiling_N:
+        most_m_s = ceiling_N / (k * (deadline_s + plant.tau_s))
+        text = (
+            f"deadlines.sensor_s is {deadline_s:g} s: a contact at force.approach_m_s reaches "
+            f"{unseen_N:.0f} N before old readings stop the arm; limits.force_N allows "
+            f"{ceiling_N:g} N: shorten the deadline, or approach at {most_m_s * 1e3:.2f} mm/s"
+        )
+        yield tripped("approach_speed", text, value=value, limit=most_m_s)
     if cell.gateway is None or cell.gateway.protocol == "plain":
         return
     rounding_N = k * plant.rounding_m

@@ -47,7 +47,7 @@ def cell_file(tmp_path_factory) -> Path:
         "deadlines": {"command_s": 0.8, "sensor_s": 0.8, "status_s": 2.0, "health_s": 3.0},
         "limits.speed_m_s": 1.0,
         "rates": {"robot_hz": 60, "sensor_hz": 120, "control_hz": 60},
-        "force.approach_m_s": 0.005,
+        "force.approach_m_s": 0.003,
     }
     path = folder / "cell.yaml"
     cell = load_cell(DEMO, overrides | {"calibration": None})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.chaos.cases import Case, CellName
 
-LAST_ACCEPTED_S = 0.150  # with real processes; three periods, at least 100 ms in the demo cells
+LAST_ACCEPTED_S = 0.150  # with real processes; the demo cells' deadline is 80 ms
 STILL_SIM_S = 0.350
 RAMP_S = 0.150  # of the arm: from 250 mm/s in 100 ms, delay and smoothing of its set points
 LOOP_S = 0.045  # of the controller's program, from a packet to the arm
@@ -77,8 +77,8 @@ def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
         (fastest_m_s > most_m_s, f"the flange jumped: {fastest_m_s * 1e3:.0f} mm/s"),
         (outcome.stale > 0, f"{outcome.stale} stale commands were executed"),
     )
-    if outcome.continued:
-        rules = (*always, (outcome.case.kind != "freeze-0.1", "the cell went on"))
+    if outcome.continued:  # also the shortest freeze is longer than the deadlines
+        rules = (*always, (True, "the cell went on"))
     else:
         rules = (*always, *_rules_of_a_hold(outcome, limits))
     return [text for broken, text in rules if broken]

@@ -10,7 +10,7 @@ from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotate_about_base_axes
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus, Host, PoseRecord, RobotState
+from forcemesh.messages import ArbiterStatus, Host, Law, PoseRecord, RobotState
 from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
 from sim.controller.machine import Machine
@@ -78,9 +78,9 @@ class Lab:
         """Joint angles that the controller commands its servos."""
         return self.cell.arm.q_command
 
-    def approach(self) -> None:
+    def approach(self, law: Law | None = None) -> None:
         """Move down under force feedback, in free space."""
-        start = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+        start = ForceStartRequest(mode="position", setpoint_N=PRESS_N, law=law)
         assert self.ask(topics.FORCE_START, start).accepted
         self.cell.advance(0.2)
 

@@ -35,6 +35,8 @@ from sim.robot.ft_sensor import FtSample
 from tests.fakes.stalling_wire import StallingWire
 
 CELLS = Path(__file__).parents[2] / "cells"
+# Cell files changed since; these runs are about laws.
+STORED_WITH = {"deadlines": {"command_s": 0.1, "sensor_s": 0.1}}
 ORDER = ("sensor", "robot", "hub", "wrench", "regulator", "arbiter")  # start order of the roles
 ROOM = 100_000  # messages of one topic: more than any run has
 KEPT_TOPICS = (
@@ -77,7 +79,7 @@ class KeptRig:
 
     def __init__(self, file: str, **changes: Any) -> None:
         """Start every service of a cell file with some values changed."""
-        cell = load_cell(CELLS / file, changes)
+        cell = load_cell(CELLS / file, STORED_WITH | changes)
         seeded = patch("forcemesh.bus.secrets.randbits", Random(1).getrandbits)
         with patch.object(virtual, "LockStepLink", KeptWire), seeded:
             self.cell = VirtualCell(cell)

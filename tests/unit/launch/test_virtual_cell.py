@@ -4,6 +4,7 @@ A process that is cut receives nothing: a one-way partition, or a stall of TCP.
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,14 @@ from forcemesh.requests import Empty
 from services.arbiter.service import ArbiterService
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, cell_with
 from tests.fakes.lab import BRAKE_S, FOUND_S, PRESS_N, Lab
 
+TOUCH_N, SILENT_N = 0.5, 5.0
 LATE_S = 0.03  # one period of each service in the chain, beyond the deadline
 # The topic whose absence reveals each role's death, and that the trip must name.
 MISSING_TOPIC: dict[str, topics.Topic[Any]] = {
-    "robot": topics.ROBOT_STATE,
+    "robot": topics.SENSOR_WRENCH,  # simulated, it is the sensor as well, whose deadline is shorter
     "wrench": topics.WRENCH,
     "regulator": topics.REGULATOR_TARGET,
     "hub": topics.HEALTH["hub"],
@@ -36,7 +38,11 @@ def rise(lab: Lab) -> None:
     lab.seconds_until(lambda: lab.force_N > 0.5 * PRESS_N, FOUND_S)
 
 
-MOTIONS = {"approach": Lab.approach, "press": rise, "goal": Lab.lift}
+MOTIONS: dict[str, Callable[[Lab], None]] = {
+    "approach": Lab.approach,
+    "press": rise,
+    "goal": Lab.lift,
+}
 FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in ROLES[1:3]]
 
 
@@ -103,6 +109,34 @@ def test_a_process_that_resumes_after_a_freeze_moves_nothing(role: str, motion: 
     before = lab.q_command()
     MOTIONS[motion](lab)
     assert np.abs(lab.q_command() - before).max() > 1e-6
+
+
+@pytest.mark.parametrize("law", ["plain", "adaptive"])
+@pytest.mark.parametrize("deadline_s", [0.02, 0.04, 0.2])
+def test_a_longer_deadline_costs_no_force_when_the_sensor_falls_silent(
+    law: Any, deadline_s: float
+) -> None:
+    """At the first touch: the regulator rests after three periods, the arbiter at the deadline.
+
+    The preflight reckons with the arbiter alone.
+    """
+    cell = cell_with(deadlines__sensor_s=deadline_s, deadlines__command_s=max(0.04, deadline_s))
+    lab = Lab(cell)
+    pressed_N = list[float]()
+
+    def note() -> bool:
+        pressed_N.append(float(np.linalg.norm(lab.cell.arm.true_wrench().force_N)))
+        return False
+
+    lab.approach(law)
+    lab.cell.advance(FOUND_S, lambda: note() or pressed_N[-1] > TOUCH_N)
+    assert pressed_N[-1] > TOUCH_N
+    lab.cell.arm.ft_sensor.disturb = lambda _: None
+    lab.cell.advance(deadline_s + LATE_S + BRAKE_S, note)
+    assert lab.status.state == "FAULT"
+    assert max(pressed_N) < SILENT_N
+    late_s = cell.stale_after_s(topics.WRENCH) + cell.plant.tau_s
+    assert max(pressed_N) < cell.plant.stiffness_N_m * cell.force.approach_m_s * late_s
 
 
 # --- a cut ----------------------------------------------------------------------------------------

@@ -68,6 +68,22 @@ def test_an_approach_faster_than_measured_with_such_segments_is_refused() -> Non
     assert (trip.code, trip.value, trip.limit) == ("approach_speed", 0.006, limit_m_s)
 
 
+def test_readings_that_may_be_late_for_too_long_at_the_approach_speed_are_refused() -> None:
+    """The approach of the trip is accepted with this deadline, a longer deadline is not."""
+    late = {"deadlines__sensor_s": 0.5}
+    trip = trip_of(cell_with(**late))
+    assert (trip.code, trip.value) == ("approach_speed", 0.01)
+    assert "deadlines.sensor_s is 0.5 s" in trip.text
+    assert "107 N before old readings stop the arm; limits.force_N allows 60 N" in trip.text
+    assert trip.limit is not None
+    slower = {"force__approach_m_s": trip.limit * (1.0 - 1e-9)}
+    assert list(contact_trips(cell_with(**late, **slower))) == []
+    assert trip_of(cell_with(deadlines__sensor_s=0.501, **slower)).code == "approach_speed"
+    world = World(cell_with(**late)).make_ready()
+    assert world.core.arm(world.inputs()).code == "approach_speed"
+    assert world.core.arm(world.inputs(), "jog").accepted
+
+
 def test_a_packet_too_coarse_for_the_contact_is_refused_where_set_points_are_sent() -> None:
     """Half the diagonal of a cube of packet units, times the stiffness; with host pc only."""
     coarse = {"contact__stiffness_N_m": 1e5, "force__approach_m_s": 0.001}

@@ -75,7 +75,7 @@ def test_it_rests_while_an_input_is_late_and_after_a_gap(bench: RegulatorBench, 
     """What came in says nothing about the last commands: more of them would add up to a step."""
     before = bench.T_base_tcp().translation[2]
     bench.silent = {topic.key}
-    bench.step(15)
+    bench.step(9)
     assert bench.published().valid
     rest = bench.T_base_tcp().translation[2]
     period_m = (10.0 - CELL.force.deadband_N) * KI * PERIOD_S * (1.0 + 1e-9)

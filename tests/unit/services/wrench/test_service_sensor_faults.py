@@ -52,7 +52,7 @@ def test_a_pose_too_old_for_its_wrench_is_reported_as_misaligned() -> None:
     bench.pass_s(0.07)
     found = bench.published()
     assert (found.valid, found.code) == (False, "misaligned")
-    assert "60 ms apart, the limit is 50 ms" in found.reason
+    assert "60 ms apart, the limit is 20 ms" in found.reason
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 200)), min_size=1, max_size=30))

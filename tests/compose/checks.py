@@ -4,6 +4,7 @@
 """
 
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -68,6 +69,16 @@ assert len(own) <= 1 and 'ca.key' not in keys and (own == keys or own == ['panel
 """
 
 
+# By container: what the cause of a hold names.
+NAMES = {
+    "arbiter": "robot/command",
+    "regulator": "regulator",
+    "wrench": "wrench",
+    "robot-sim": "robot/state|sensor/wrench",
+    "gateway": "robot/state",
+    "sensor": "sensor",
+    "controller-sim": "controller",
+}
 KILL_THE_SERVICE = """
 import os, pathlib
 for folder in pathlib.Path('/proc').glob('[0-9]*'):
@@ -201,6 +212,8 @@ def fault_injected(compose: Compose, how: str, name: str, operator: Operator) ->
             held_s = operator.until(lambda: operator.is_held(name), "the hold", HELD_S)
             took = f"held at most {1e3 * held_s:.0f} ms after the engine had finished"
         time.sleep(1.0)
+        if name != "hub" and not re.search(NAMES[name], cause := operator.cause):
+            raise RequirementError(f"the hold does not name {name}, but: {cause}")
     finally:
         if how == "kill":  # the engine does not restart a container that a person has killed
             compose("start", name)
@@ -211,6 +224,8 @@ def fault_injected(compose: Compose, how: str, name: str, operator: Operator) ->
     operator.rests(STEADY_S)
     operator.until(operator.all_well, "all well again")
     operator.rests(STEADY_S)
+    if operator.state in MAY_MOVE:
+        raise RequirementError(f"{operator.state} after the recovery, without a person")
     harder_N = operator.force_N - PRESS_N
     if not harder_N <= HARDER_N:  # nor while it is unknown
         raise RequirementError(f"press force increased by {harder_N:.1f} N")

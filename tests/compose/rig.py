@@ -242,6 +242,13 @@ class Operator(CellUnderTest):
             return True
         return broken != "arbiter" and state != "" and state not in MAY_MOVE
 
+    @property
+    def cause(self) -> str:
+        """Causes of the hold that arbiter and robot publish."""
+        trips = () if self.status is None else self.status.trips
+        reason = "" if self.robot is None else self.robot.hold_reason
+        return "; ".join([*(trip.text for trip in trips), reason])
+
     def all_well(self) -> bool:
         """Return whether every role's health is fresh and reports no fault."""
         now_ns = self.clock.now_ns()

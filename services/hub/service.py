@@ -1,6 +1,10 @@
 """Hub service: health of the Zenoh router, which works in its own threads."""
 
+import socket
+import struct
 from collections import Counter
+from contextlib import suppress
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from common.config.cell import CellConfig
@@ -14,6 +18,8 @@ STEPS_PER_REPORT = 5
 # Links of one certificate. Further subscriptions of one link cost the hub nothing, each further
 # link that subscribes to everything does (docs/results/subscriptions.json).
 MOST_LINKS = 4
+OPEN_FILES = Path("/proc/self/fd")
+OFF = struct.pack("ii", 0, 0)  # struct linger
 
 
 @runtime_checkable
@@ -46,7 +52,8 @@ class Hub:
         return f"{', '.join(many)}; more than {MOST_LINKS} slow the hub down" if many else ""
 
     def step(self, now_ns: int) -> None:
-        """Report refusals and answer queries for the message schema."""
+        """Report refusals, answer queries for the message schema, keep links from lingering."""
+        linger_on_none()
         self._refusals.step(now_ns)
         self._describer.step()
         self._info.step()
@@ -54,3 +61,17 @@ class Hub:
     def counters(self) -> dict[str, int]:
         """Return the number of refusals by cause; Zenoh keeps the other counters."""
         return {f"refused_{code}": times for code, times in self._refusals.counts.items()}
+
+
+def linger_on_none() -> None:
+    """Let the kernel close every socket of this process in the background.
+
+    Zenoh lets each one linger for 10 s, fixed when it is built. A thread of the hub then stands
+    still that long when it closes the link of a client that is frozen and has data to come.
+    """
+    for file in OPEN_FILES.iterdir():
+        with suppress(OSError):  # closed since
+            if file.is_socket():
+                # A copy of the descriptor, of the same socket.
+                with socket.fromfd(int(file.name), socket.AF_INET, socket.SOCK_STREAM) as each:
+                    each.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, OFF)

@@ -4,6 +4,7 @@ Short runs for every day. The whole tests are `tests.chaos.flood` and `tests.cha
 """
 
 import json
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,6 +32,20 @@ from tests.scenario.conftest import LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
+FROZEN = 3  # clients
+VIEWER = """
+import sys, time
+from common.bus.cell_bus import open_bus
+from common.config.load import load_cell
+from forcemesh import topics
+
+with open_bus(load_cell(sys.argv[1]), topics.CLIENT) as bus:
+    bus.reader(topics.WRENCH)
+    print("viewing", flush=True)
+    time.sleep(60.0)
+"""
+# A link ends half a second after its last word; lingering on it took until the end of the test.
+FILLED_S, STALL_S, PAUSE_S = 5.0, 3.0, 0.002
 
 
 @pytest.fixture
@@ -96,6 +111,42 @@ def test_the_hub_passes_no_long_message_on(cell):
 
     assert set(got) <= {1, 2, LONGEST_MESSAGE_B}
     assert LONGEST_MESSAGE_B in got
+
+
+@pytest.mark.processes
+def test_clients_that_stand_still_do_not_stop_the_hub(start, tmp_path):
+    """Found: at the end of each one's link the hub stood still for 10 s, and the arm held."""
+    ports = {"cell": "frozen", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    cell, path = make_cell("demo", tmp_path, ports)
+    start("-m", "services.hub", "--cell", path)
+    viewers = [start("-c", VIEWER, path) for _ in range(FROZEN)]
+    for viewer in viewers:
+        assert viewer.stdout.readline() == "viewing\n"
+    with session_of(cell) as writer, session_of(cell) as reader:
+        key = f"{cell.cell}/{topics.WRENCH.key}"
+        subscriber = reader.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        received(writer, subscriber, key, [], last=1)
+        for viewer in viewers:
+            viewer.send_signal(signal.SIGSTOP)
+        try:
+            longest_s = longest_gap_s(writer, subscriber, key)
+        finally:
+            for viewer in viewers:
+                viewer.send_signal(signal.SIGCONT)
+    assert longest_s < STALL_S
+
+
+def longest_gap_s(writer: zenoh.Session, subscriber: Any, key: str) -> float:
+    """Put messages that fill every buffer on the way; return the longest time between two."""
+    longest_s, last_s = 0.0, time.monotonic()
+    give_up_s = last_s + FILLED_S
+    while (now_s := time.monotonic()) < give_up_s:
+        writer.put(key, b"\0" * LONGEST_MESSAGE_B)
+        longest_s = max(longest_s, now_s - last_s)
+        if subscriber.try_recv() is not None:
+            last_s = now_s
+        time.sleep(PAUSE_S)
+    return longest_s
 
 
 @pytest.mark.realtime

@@ -29,7 +29,7 @@ PROJECT = "forcemesh-test"
 PRESS_N = 10.0
 STILL_RAD = 2e-3
 HELD_S = 0.35  # docs/reliability.md: at rest, real processes, deadlines of the demo
-MOST_HOLDS = 3  # of one profile
+MOST_HOLDS = 10  # of one profile; a quiet machine has none
 LONGEST_AGE = 2.0  # deadlines, of a message that ends a press: the one who notices may be late too
 LATE = {"stale", "sensor_silent", "overrun", "misaligned"}  # codes of a late process
 AGES_MS = re.compile(r"stale: (\d+) ms old, limit (\d+) ms")
@@ -137,7 +137,8 @@ class Operator(CellUnderTest):
 
     def fresh_joints(self) -> tuple[float, ...]:
         """Return the joint angles of the last robot state [rad], empty if it is not fresh."""
-        return () if self.robot is None else self.robot.joint_rad
+        robot = self.robot
+        return () if robot is None else robot.joint_rad
 
     def at_home(self) -> None:
         """Store the present pose as the home pose."""
@@ -173,18 +174,24 @@ class Operator(CellUnderTest):
         status = self.status
         if status is None or status.may_move or not status.trips:
             raise error
-        causes = "; ".join(trip.text for trip in status.trips)
-        if other := {trip.code for trip in status.trips} - LATE:
-            raise RequirementError(f"held for {other}: {causes}") from error
-        for age_ms, limit_ms in AGES_MS.findall(causes):
-            if int(age_ms) > LONGEST_AGE * int(limit_ms):
-                raise RequirementError(f"held only after {age_ms} ms: {causes}") from error
-        self.holds += 1
-        print(f"HELD, a process was late: {causes}", flush=True)
+        self.count_late_hold()
+        causes = self.cause
         self.rests(STEADY_S)
         if ended := {role for role, pid in self.pids().items() if pid != processes.get(role, pid)}:
             raise RequirementError(f"held because {ended} ended: {causes}") from error
         self.retreat()
+
+    def count_late_hold(self) -> None:
+        """Count the present hold. Raises RequirementError: it is not for lateness, or came late."""
+        status, causes = self.status, self.cause
+        trips = () if status is None else status.trips
+        if not trips or (other := {trip.code for trip in trips} - LATE):
+            raise RequirementError(f"held for {other if trips else 'no cause'}: {causes}")
+        for age_ms, limit_ms in AGES_MS.findall(causes):
+            if int(age_ms) > LONGEST_AGE * int(limit_ms):
+                raise RequirementError(f"held only after {age_ms} ms: {causes}")
+        self.holds += 1
+        print(f"HELD, a process was late: {causes}", flush=True)
 
     def _press(self) -> None:
         self.clear()
@@ -245,8 +252,9 @@ class Operator(CellUnderTest):
     @property
     def cause(self) -> str:
         """Causes of the hold that arbiter and robot publish."""
-        trips = () if self.status is None else self.status.trips
-        reason = "" if self.robot is None else self.robot.hold_reason
+        status, robot = self.status, self.robot
+        trips = () if status is None else status.trips
+        reason = "" if robot is None else robot.hold_reason
         return "; ".join([*(trip.text for trip in trips), reason])
 
     def all_well(self) -> bool:

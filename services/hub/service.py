@@ -69,9 +69,10 @@ def linger_on_none() -> None:
     Zenoh lets each one linger for 10 s, fixed when it is built. A thread of the hub then stands
     still that long when it closes the link of a client that is frozen and has data to come.
     """
-    for file in OPEN_FILES.iterdir():
-        with suppress(OSError):  # closed since
-            if file.is_socket():
-                # A copy of the descriptor, of the same socket.
-                with socket.fromfd(int(file.name), socket.AF_INET, socket.SOCK_STREAM) as each:
-                    each.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, OFF)
+    for file in OPEN_FILES.glob("*"):
+        with suppress(OSError):  # no socket, or closed since
+            each = socket.socket(fileno=int(file.name))
+            try:
+                each.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, OFF)
+            finally:
+                each.detach()  # it stays Zenoh's

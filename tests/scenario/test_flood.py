@@ -126,6 +126,9 @@ def test_clients_that_stand_still_do_not_stop_the_hub(start, tmp_path):
         key = f"{cell.cell}/{topics.WRENCH.key}"
         subscriber = reader.declare_subscriber(key, zenoh.handlers.RingChannel(1))
         received(writer, subscriber, key, [], last=1)
+        health = reader.declare_subscriber(f"{cell.cell}/{topics.HEALTH['hub'].key}")
+        for _ in range(2):  # its own loop runs, and has seen every link
+            health.recv()
         for viewer in viewers:
             viewer.send_signal(signal.SIGSTOP)
         try:

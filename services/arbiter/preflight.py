@@ -173,15 +173,16 @@ def contact_trips(cell: CellConfig) -> Iterator[Trip]:
         yield tripped("approach_speed", text, value=value, limit=limit)
     # Whatever a regulator does, the arbiter stops it when readings are late.
     deadline_s = max(cell.stale_after_s(each) for each in (topics.SENSOR_WRENCH, topics.WRENCH))
-    unseen_N, ceiling_N = k * value * (deadline_s + plant.tau_s), cell.limits.force_N
-    if unseen_N > ceiling_N:
-        most_m_s = ceiling_N / (k * (deadline_s + plant.tau_s))
+    most_m_s = cell.limits.force_N / (k * (deadline_s + plant.tau_s))
+    if plant.approach_m_s > most_m_s:
+        unseen_N = cell.limits.force_N * plant.approach_m_s / most_m_s
         text = (
-            f"deadlines.sensor_s is {deadline_s:g} s: a contact at force.approach_m_s reaches "
-            f"{unseen_N:.0f} N before old readings stop the arm; limits.force_N allows "
-            f"{ceiling_N:g} N: shorten the deadline, or approach at {most_m_s * 1e3:.2f} mm/s"
+            f"readings are stale after {deadline_s:g} s (deadlines.sensor_s, or three periods): a "
+            f"contact at force.approach_m_s reaches {unseen_N:.0f} N until they stop the arm; "
+            f"limits.force_N allows {cell.limits.force_N:g} N: shorten that, or approach at "
+            f"{most_m_s * 1e3:.2f} mm/s"
         )
-        yield tripped("approach_speed", text, value=value, limit=most_m_s)
+        yield tripped("approach_speed", text, value=plant.approach_m_s, limit=most_m_s)
     if cell.gateway is None or cell.gateway.protocol == "plain":
         return
     rounding_N = k * plant.rounding_m

@@ -135,8 +135,6 @@ def test_a_longer_deadline_costs_no_force_when_the_sensor_falls_silent(
     lab.cell.advance(deadline_s + LATE_S + BRAKE_S, note)
     assert lab.status.state == "FAULT"
     assert max(pressed_N) < SILENT_N
-    late_s = cell.stale_after_s(topics.WRENCH) + cell.plant.tau_s
-    assert max(pressed_N) < cell.plant.stiffness_N_m * cell.force.approach_m_s * late_s
 
 
 # --- a cut ----------------------------------------------------------------------------------------

@@ -205,7 +205,7 @@ def test_a_change_from_jog_to_all_requires_a_hold() -> None:
 
 def test_a_lost_input_is_reported_alone() -> None:
     """The other checks have no result without it."""
-    world = World(cell_with(force__approach_m_s=0.02)).make_ready()
+    world = World(cell_with(force__approach_m_s=0.25)).make_ready()
     set_force(world, 30.0)
     world.pass_s(1.0)
     assert len(world.core.status().not_ready) == 2

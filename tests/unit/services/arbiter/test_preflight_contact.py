@@ -73,8 +73,8 @@ def test_readings_that_may_be_late_for_too_long_at_the_approach_speed_are_refuse
     late = {"deadlines__sensor_s": 0.5}
     trip = trip_of(cell_with(**late))
     assert (trip.code, trip.value) == ("approach_speed", 0.01)
-    assert "deadlines.sensor_s is 0.5 s" in trip.text
-    assert "107 N before old readings stop the arm; limits.force_N allows 60 N" in trip.text
+    assert "readings are stale after 0.5 s (deadlines.sensor_s, or three periods)" in trip.text
+    assert "reaches 107 N until they stop the arm; limits.force_N allows 60 N" in trip.text
     assert trip.limit is not None
     slower = {"force__approach_m_s": trip.limit * (1.0 - 1e-9)}
     assert list(contact_trips(cell_with(**late, **slower))) == []

@@ -17,7 +17,7 @@ from bench.harness import QUICK_STEP, Options, Tables
 from bench.results import ROOT, Row
 from cli.demo.cell import DemoOverrides, demo_cell
 from common.bus.configured_cell import ConfiguredCell
-from common.config.cell import CellConfig
+from common.config.cell import CellConfig, Deadlines
 from common.runtime.service import Runner
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
@@ -32,7 +32,9 @@ READY_S, APPROACH_S, PRESS_S, RELEASE_S, HELD_S = 1.8, 5.0, 1.5, 1.0, 0.5
 NEAR_M = 0.002  # from the plate the stalls begin
 OBSERVE_S = 0.05
 PROCESSES = ("robot", "wrench", "regulator", "arbiter", "all")
-# Of even and odd seeds: the longest stall mostly ends in a hold.
+# Of even and odd seeds. The deadlines are longer than all but the longest stall, which mostly ends
+# in a hold: the others show what the laws do.
+DEADLINES = {"command_s": 0.1, "sensor_s": 0.1}
 STALLS_MS = ((10, 30, 60), (10, 30, 60, 120))
 PAUSE_S = (0.15, 0.6)  # between two stalls
 # Of the seeds in turn: time from the beginning of a stall to the start that releases; None: the
@@ -128,7 +130,8 @@ def play(case: Row, draw: Draw, start_lead_s: float | None = None) -> StalledRun
     trial = DemoOverrides(
         stiffness_N_m=case["stiffness_N_m"], delay_s=case["delay_ms"] / 1e3, law=case["law"]
     )
-    (world, client), found = armed(demo_cell(CELL, trial)), StalledRun()
+    cell = demo_cell(CELL, trial).model_copy(update={"deadlines": Deadlines(**DEADLINES)})
+    (world, client), found = armed(cell), StalledRun()
     client.force.start(SETPOINT_N)
     world.advance(APPROACH_S, lambda: world.arm.lift_off_m < NEAR_M)
     stalls = Stalls(world, draw)

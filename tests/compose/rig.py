@@ -18,7 +18,7 @@ from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import MAY_MOVE
+from forcemesh.messages import MAY_MOVE, Trip
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from forcemesh.topics import HEALTH, ROLES, TOPICS, Q, Request
 from tests.chaos.common_net import ROOT, CellUnderTest
@@ -152,11 +152,11 @@ class Operator(CellUnderTest):
     def again_after_a_late_hold(self, what: Callable[[], T]) -> T:
         """Run an action; judge each hold that a late process causes, arm anew, and run it again."""
         while True:
-            processes = self.pids()
+            processes = self.processes()
             try:
                 return what()
             except (RequirementError, ForcemeshError) as error:
-                if self.holds == MOST_HOLDS:
+                if self.holds >= MOST_HOLDS:
                     raise
                 self._judge_hold(error, processes)
 
@@ -175,22 +175,36 @@ class Operator(CellUnderTest):
         if status is None or status.may_move or not status.trips:
             raise error
         self.count_late_hold()
-        causes = self.cause
         self.rests(STEADY_S)
-        if ended := {role for role, pid in self.pids().items() if pid != processes.get(role, pid)}:
-            raise RequirementError(f"held because {ended} ended: {causes}") from error
+        self.same_processes(processes)
         self.retreat()
 
+    def processes(self) -> dict[str, int]:
+        """Return a number of the process of each role: one that was started again has another."""
+        now_ns = self.clock.now_ns()
+        health_of = {role: reader.read(now_ns) for role, reader in self._health.items()}
+        return {role: each.header.epoch for role, each in health_of.items() if each.header}
+
+    def same_processes(self, before: dict[str, int], but: tuple[str, ...] = ()) -> None:
+        """Raise RequirementError if a process has ended since; those of some roles may have."""
+        now = self.processes()
+        if ended := {role for role in before.keys() - but if now[role] != before[role]}:
+            raise RequirementError(f"held because {ended} ended: {self.cause}")
+
     def count_late_hold(self) -> None:
-        """Count the present hold. Raises RequirementError: it is not for lateness, or came late."""
-        status, causes = self.status, self.cause
-        trips = () if status is None else status.trips
+        """Count the present hold.
+
+        Raises RequirementError: it is not for lateness, came late, or is one too many.
+        """
+        causes, trips = self.cause, self.trips
         if not trips or (other := {trip.code for trip in trips} - LATE):
             raise RequirementError(f"held for {other if trips else 'no cause'}: {causes}")
         for age_ms, limit_ms in AGES_MS.findall(causes):
             if int(age_ms) > LONGEST_AGE * int(limit_ms):
                 raise RequirementError(f"held only after {age_ms} ms: {causes}")
         self.holds += 1
+        if self.holds > MOST_HOLDS:
+            raise RequirementError(f"more than {MOST_HOLDS} holds for lateness: {causes}")
         print(f"HELD, a process was late: {causes}", flush=True)
 
     def _press(self) -> None:
@@ -251,11 +265,16 @@ class Operator(CellUnderTest):
 
     @property
     def cause(self) -> str:
-        """Causes of the hold that arbiter and robot publish."""
-        status, robot = self.status, self.robot
-        trips = () if status is None else status.trips
+        """Causes of the hold that arbiter and robot have published last."""
+        robot = self._robot.read(self.clock.now_ns()).message
         reason = "" if robot is None else robot.hold_reason
-        return "; ".join([*(trip.text for trip in trips), reason])
+        return "; ".join([*(trip.text for trip in self.trips), reason])
+
+    @property
+    def trips(self) -> tuple[Trip, ...]:
+        """Trips that the arbiter has published last."""
+        status = self._arbiter.read(self.clock.now_ns()).message
+        return () if status is None else status.trips
 
     def all_well(self) -> bool:
         """Return whether every role's health is fresh and reports no fault."""

@@ -96,8 +96,8 @@ def test_a_process_that_was_restarted_was_not_late(
     operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It crashed, and its silence looks the same from outside."""
-    pids = iter([{"wrench": 7, "arbiter": 8}, {"wrench": 9, "arbiter": 8}])
-    monkeypatch.setattr(operator, "pids", lambda: next(pids))
+    epochs = iter([{"wrench": 7, "arbiter": 8}, {"wrench": 9, "arbiter": 8}])
+    monkeypatch.setattr(operator, "processes", lambda: next(epochs))
     hold(operator, late(105))
     with pytest.raises(RequirementError, match=r"'wrench'\} ended"):
         operator.again_after_a_late_hold(Pressing(1))

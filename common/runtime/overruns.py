@@ -1,7 +1,7 @@
 """Overrun counter of a loop: steps that come far too late. Pure.
 
 Measured with cells/demo.yaml on two shared cores, longest gap between two steps in 12 s, where
-67 ms are allowed (13 ms to 27 ms with a lab's usual deadlines):
+67 ms were allowed, by deadlines of 100 ms (13 ms to 27 ms with a lab's usual deadlines):
 
     real-time priority, 4 processes at full CPU load          7 ms, no overrun
     without the priority, the same                           59 ms, no overrun
